@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Fault injection under load: kills processes of a cluster on loopback, and counts lost queries.
 
-    VEILOC_DATA=../shared/data scripts/cluster_chaos.py [--veiloc PROGRAM] [--workers 3] [--seconds 20] [--rate R]
+    VEILOC_DATA=../shared/data scripts/cluster_chaos.py [--veiloc PROGRAM] [--workers 3] [--seconds 20] [--rate R] [--csv FILE]
     scripts/cluster_chaos.py --rendered --seconds 2      # without data: a rendered room
 
 Starts three nats-server, workers with one thread that serve every region, and a gateway. Clients send queries at a steady rate
@@ -20,11 +20,14 @@ import sys
 import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent / "cluster"))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
 
 from machines import Clients, Cluster, Part, ask, counter, header, percentile, load_scene, row, wait_for  # noqa: E402
 from machines import arguments, run_in_turns  # noqa: E402
+from places import write_csv  # noqa: E402
 
 CLIENTS = 6
+COLUMNS = ["event", "p99 before (ms)", "p99 during (ms)", "p99 after (ms)", "longest (ms)", "queries"]
 
 
 def measured_rate(cluster, queries, seconds):
@@ -39,8 +42,8 @@ class FaultInjection:
     """Runs events, and reports the latencies that the clients saw."""
 
     def __init__(self, cluster, clients, seconds):
-        self.cluster, self.clients, self.seconds = cluster, clients, seconds
-        header("event", "p99 before, ms", "during", "after", "longest", "queries")
+        self.cluster, self.clients, self.seconds, self.rows = cluster, clients, seconds, []
+        header(*COLUMNS)
 
     def inject(self, what, act):
         begin = time.monotonic()
@@ -53,7 +56,8 @@ class FaultInjection:
         end = time.monotonic()
         before, during, after = (self.clients.between(*span) for span in ((begin, acted), (acted, over), (over, end)))
         p99 = [f"{percentile(times, 0.99):.0f}" for times in (before, during, after)]
-        row(what, *p99, f"{max(before + during + after):.0f}", len(before) + len(during) + len(after))
+        self.rows.append([what, *p99, f"{max(before + during + after):.0f}", len(before) + len(during) + len(after)])
+        row(*self.rows[-1])
 
 
 def main():
@@ -62,6 +66,7 @@ def main():
     parser.add_argument("--workers", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=20.0, help="seconds of each phase of an event")
     parser.add_argument("--rate", type=float, help="queries per second")
+    parser.add_argument("--csv", type=pathlib.Path, help="also write the table there")
     args = parser.parse_args()
     scene = load_scene(args)
     if args.workers < 2:
@@ -120,6 +125,8 @@ def main():
           f"jobs cancelled at workers: {dropped:.0f}")
     print(f"queries with equal poses while the map was the same: {sum(n == 1 for n in same.values())} of {len(same)}")
     print(f"exit codes of gateway and workers: {codes}")
+    if args.csv:
+        write_csv(args.csv, COLUMNS, faults.rows)
     print(f"accepted {clients.accepted} lost {clients.lost}")
     sys.exit(clients.lost > 0 or any(codes) or any(n != 1 for n in same.values()))
 

@@ -329,7 +329,7 @@ def frames(run: Run) -> list[tuple]:
 GPU = "networks that a GPU trains"
 PHONE = "tools for phones"
 OLD = "a build of an earlier commit"
-TEXT = "printed; the table is typed from it"
+NATS = "nats-server"
 KITCHEN = "--posed $D/redkitchen/posed --images $D/redkitchen/images --map-list $D/redkitchen/map.txt --query-list $D/redkitchen/query.txt"
 TABLES = "$P scripts/privacy_tables.py --veiloc $V --data $D --work $W/privacy"
 ROWS = "$P scripts/private_rows.py --veiloc $V --data $D --work $W/private"
@@ -371,13 +371,17 @@ script("$P scripts/phones/measure.py --frame FRAME.pgm --profile PLACE.profile -
        "features/seal-frame.csv", by_hand=PHONE)  # fmt: skip
 script("python -m veiloc_train neighbours", "features/predictors.csv", by_hand=GPU)
 script("$P scripts/bench_search.py --usearch-up-to 100000 --csv $O/scale/usearch.csv", "scale/usearch.csv", by_hand="an hour of one map")
-script("research/notes/scale_model.py", "scale/model.csv", "scale/model-check.csv", by_hand=TEXT)
+script("$P research/notes/scale_model.py --csv $O/scale && $P research/notes/scale_model.py --plot docs/images/scale.svg", "scale/model.csv",
+       "scale/model-negatives.csv")  # fmt: skip
 script("$P scripts/service/greedy_token.py --veiloc OLD,NEW", "service/greedy-token.csv", by_hand=OLD)
 script("$P scripts/service/answer_times.py --veiloc $V --places redkitchen --images 20 --rounds 2 --csv $O/service/answer-times.csv",
        "service/answer-times.csv")  # fmt: skip
-script("$P scripts/cluster/throughput.py --seconds 10 --workers 1 2 4", "service/cluster-latency.csv", "service/cluster-throughput.csv",
-       by_hand=TEXT)  # fmt: skip
-script("$P scripts/cluster_chaos.py --workers 10 --seconds 6", "service/cluster-chaos.csv", by_hand=TEXT)
+script("$P scripts/cluster/throughput.py --veiloc $V --seconds 20 --workers 1 2 4 --csv $O/service/cluster-throughput.csv "
+       "--latency-csv $O/service/cluster-latency.csv --json $W/cluster.json && "
+       "$P research/notes/scale_model.py --check $W/cluster.json --csv $O/scale", "service/cluster-latency.csv",
+       "service/cluster-throughput.csv", "scale/model-check.csv", by_hand=NATS)  # fmt: skip
+script("$P scripts/cluster_chaos.py --veiloc $V --workers 6 --seconds 6 --csv $O/service/cluster-chaos.csv", "service/cluster-chaos.csv",
+       by_hand=NATS)  # fmt: skip
 script("$P scripts/cluster/hung_workers.py --workers 2 4", "service/cluster-hung.csv", by_hand=OLD)
 script("$P scripts/bench_pose_stage.py --veiloc $V --data $D --rounds 3 --csv $O/poses/time.csv", "poses/time.csv")
 script(f"{BUILD} -p veiloc-benches --bin solver_benchmark && $P scripts/bench_poselib.py --binary $R/solver_benchmark --csv $O/poses/solvers.csv",
@@ -426,7 +430,7 @@ script("$P scripts/pose_formats.py maps $V $D/redkitchen $W/formats $O/mapping/f
 script("$P scripts/map_merges.py $V $D $W/merges $O/mapping/merges.csv", "mapping/merges.csv")
 script("$P scripts/gps_place.py $V $D $W/gps $O/mapping/gps.csv", "mapping/gps.csv")
 script("$P scripts/cluster/placement.py --rendered --seconds 8 --veiloc $V --csv $O/service/cluster-placement.csv",
-       "service/cluster-placement.csv", by_hand="nats-server")  # fmt: skip
+       "service/cluster-placement.csv", by_hand=NATS)  # fmt: skip
 script("$P scripts/cluster/shared_rates.py --rendered --seconds 15 --veiloc OLD,NEW --names before,now --csv $O/service/shared-rates.csv",
        "service/shared-rates.csv", by_hand=OLD)  # fmt: skip
 script("$P scripts/cluster/rolling_update.py OLD NEW --rendered --seconds 3 --csv $O/service/rolling-update.csv",

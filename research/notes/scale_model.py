@@ -18,7 +18,6 @@ constants are, and which command printed each, stands beside them; assumptions a
 """
 
 import argparse
-import csv
 import heapq
 import json
 import math
@@ -29,19 +28,20 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
 
 from log_plot import COLOURS, LogPlot, page  # noqa: E402
+from places import write_csv  # noqa: E402
 
 CONSTANTS = {
     # Processor time of a query of 1024 rows of RedKitchen that finds its pose, the camera calibrated: `scripts/service/answer_times.py
     # --places redkitchen --images 29 --rounds 7 --max-keypoints 1024 --json`, the median of the least of each query's rounds.
-    "pose_ms": 45.7,
+    "pose_ms": 33.0,
     # Factors of the median, equally likely.
-    "pose_spread": [0.85, 0.93, 0.97, 1.0, 1.03, 1.08, 1.23],
+    "pose_spread": [0.92, 0.94, 0.97, 1.0, 1.01, 1.04, 1.22],
     # The same of queries of another place, in one region.
-    "negative_ms": 45.7,
-    "negative_spread": [1.0],
+    "negative_ms": 54.7,
+    "negative_spread": [0.42, 0.68, 0.87, 1.0, 1.16, 1.32, 1.53],
     # The same of queries of another place whose focal length is unknown.
-    "unknown_negative_ms": 45.7,
-    "unknown_negative_spread": [1.0],
+    "unknown_negative_ms": 185.7,
+    "unknown_negative_spread": [0.42, 0.63, 0.77, 1.0, 1.09, 1.23, 1.68],
     # Assumed: the share of queries that find nothing, and of these the share with an unknown focal length.
     "negatives": 0.1,
     "unknown": 0.0,
@@ -52,10 +52,10 @@ CONSTANTS = {
     # A search among a million images through the index, and among a hundred thousand: `veiloc eval retrieval` (docs/results/scale.md).
     "search_ms_at_million": 1.37,
     "search_ms_at_hundred_thousand": 0.67,
-    # The gateway's work on a query: what the cluster's road takes longer there (3.5 ms) than its two messages and back do.
-    "gateway_ms": 1.6,
+    # The gateway's work on a query: what a cluster's answer takes longer (4.6 ms, scripts/cluster/throughput.py) than its two messages and back do.
+    "gateway_ms": 2.6,
     # From gateway to worker or back, without work: `veiloc_cluster_round_trip_seconds`.
-    "road_ms": 0.48,
+    "road_ms": 0.51,
     # Regions that a query is asked in: `veiloc_cluster_regions`.
     "regions_asked": 1.17,
     # The number of regions of each image: `veiloc map split`.
@@ -376,6 +376,7 @@ def negatives(c, seed):
 
 MODEL_COLUMNS = ["images", "queries a second", "maps are", "maps", "machines", "limited by", "memory (TB)", "network (Gbit/s)", "p50 (ms)", "p99 (ms)",
                  "machines that fail or hang, a day"]
+CHECK_COLUMNS = ["workers", "clients", "answers a second, measured", "answers a second, model", "model over measurement"]
 NEGATIVES_COLUMNS = ["queries that find nothing (%)", "their focal length", "processor time of a query (ms)", "machines", "p50 (ms)", "p99 (ms)",
                      "p50 while a machine hangs (ms)", "p99 while a machine hangs (ms)"]
 
@@ -385,13 +386,16 @@ def tables(c, seed, folder):
     model = ([row["images"], row["rate"], row["map"], row["maps"], row["machines"], row["limited_by"], f"{row['memory_tb']:.3g}", f"{row['gigabits']:.3g}",
               f"{row['p50']:.0f}", f"{row['p99']:.0f}", f"{row['failures_a_day']:.2g}"] for row in rows(c, seed) if row["images"] in (10**4, 10**6, 10**8))
     for name, columns, lines in (("model.csv", MODEL_COLUMNS, model), ("model-negatives.csv", NEGATIVES_COLUMNS, negatives(c, seed))):
-        lines = list(lines)
-        for line in [columns, *lines]:
-            print("| " + " | ".join(str(cell) for cell in line) + " |", flush=True)
-        print()
-        if folder:
-            with open(Path(folder) / name, "w", newline="", encoding="utf-8") as file:
-                csv.writer(file, lineterminator="\n").writerows([columns, *lines])
+        write(folder, name, columns, list(lines))
+
+
+def write(folder, name, columns, lines):
+    """Prints a table, and writes it to a file of the folder if one is given."""
+    for line in [columns, *lines]:
+        print("| " + " | ".join(str(cell) for cell in line) + " |", flush=True)
+    print()
+    if folder:
+        write_csv(Path(folder) / name, columns, lines)
 
 
 def costs(path):
@@ -406,14 +410,14 @@ def costs(path):
         print(f'    "{name}_ms": {median},\n    "{name}_spread": {spread},')
 
 
-def check(c, measured):
+def check(c, measured, folder):
     """Beside what was measured of it and not fitted to."""
     c = dict(c, **measured["constants"])
-    print("| workers | clients | answers a second, measured | predicted | ratio |")
-    print("|--:|--:|--:|--:|--:|")
+    lines = []
     for point in measured["points"]:
         rate, _ = on_one_machine(c, point["workers"], point["clients"], 60.0)
-        print(f"| {point['workers']} | {point['clients']} | {point['rate']:.1f} | {rate:.1f} | {rate / point['rate']:.2f} |")
+        lines.append([point["workers"], point["clients"], f"{point['rate']:.1f}", f"{rate:.1f}", f"{rate / point['rate']:.2f}"])
+    write(folder, "model-check.csv", CHECK_COLUMNS, lines)
 
 
 def plot(c, seed, path):
@@ -448,7 +452,7 @@ def main():
         costs(given.costs)
     elif given.check:
         with open(given.check) as file:
-            check(constants, json.load(file))
+            check(constants, json.load(file), given.csv)
     elif given.plot:
         plot(constants, given.seed, given.plot)
     else:

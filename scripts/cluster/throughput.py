@@ -2,7 +2,7 @@
 """Throughput of a cluster with 1, 2, 4 and 10 workers, and its latency overhead against a service without a cluster.
 
     VEILOC_DATA=../shared/data scripts/cluster/throughput.py [--veiloc PROGRAM] [--seconds 15] [--workers 1 2 4 10]
-        [--json FILE] [--rendered]
+        [--csv FILE] [--latency-csv FILE] [--json FILE] [--rendered]
 
 *Latency*: one client sends one query after the other through HTTP, gateway and NATS to one worker, and the same queries to
 `veiloc serve` with the whole map in memory. *Throughput*: enough clients to keep all workers busy. *Busy threads* is the wall time
@@ -19,8 +19,10 @@ import sys
 import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 
 from machines import Clients, Cluster, Server, ask, arguments, counter, header, percentile, load_scene, row, wait_for  # noqa: E402
+from places import write_csv  # noqa: E402
 
 
 def one_by_one(port, queries, seconds):
@@ -43,6 +45,8 @@ def main():
     parser = arguments(__doc__)
     parser.add_argument("--rendered", action="store_true", help="a rendered room, which needs no data")
     parser.add_argument("--seconds", type=float, default=15.0, help="duration of each row")
+    parser.add_argument("--csv", type=pathlib.Path, help="also write the answers a second there")
+    parser.add_argument("--latency-csv", type=pathlib.Path, help="also write the latency there")
     parser.add_argument("--json", metavar="FILE", help="also write the points for research/notes/scale_model.py --check")
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4, 10])
     args = parser.parse_args()
@@ -58,9 +62,12 @@ def main():
         alone += one_by_one(direct.port, scene.queries, args.seconds / 3)
         clustered += one_by_one(cluster.port, scene.queries, args.seconds / 3)
     direct.stop()
-    base = statistics.median(alone)
-    for name, times in (("direct: the map in memory", sorted(alone)), ("cluster: one region, the whole map", sorted(clustered))):
-        row(name, f"{statistics.median(times):.1f}", f"{percentile(times, 0.95):.1f}", f"{statistics.median(times) - base:+.1f}")
+    base, latency = statistics.median(alone), []
+    for name, times in (("`veiloc serve`", sorted(alone)), ("gateway, NATS, one worker", sorted(clustered))):
+        latency.append([name, f"{statistics.median(times):.1f}", f"{percentile(times, 0.95):.1f}"])
+        row(*latency[-1], f"{statistics.median(times) - base:+.1f}")
+    if args.latency_csv:
+        write_csv(args.latency_csv, ["path", "median (ms)", "p95 (ms)"], latency)
     text = ask(cluster.admin, "/metrics")[1].decode()
     print(f"\nround trip to a worker without its computation, measured by the gateway: "
           f"mean {1e3 * histogram_mean(text, 'veiloc_cluster_round_trip_seconds'):.2f} ms over searches and poses\n")
@@ -82,6 +89,8 @@ def main():
             f"{took / (end - begin) / os.cpu_count():.2f}", f"{histogram_mean(text, 'veiloc_cluster_regions'):.2f}")
         cluster.stop()
         points.append({"workers": workers, "clients": 2 * workers + 2, "rate": round(done / (end - begin), 1)})
+    if args.csv:
+        write_csv(args.csv, ["workers", "answers a second"], [[point["workers"], f"{point['rate']:.1f}"] for point in points])
     if args.json:
         measured = {"constants": {"processors": os.cpu_count()}, "points": points}
         pathlib.Path(args.json).write_text(json.dumps(measured) + "\n")

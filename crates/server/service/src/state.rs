@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use crate::error::ServerError;
 use crate::http::Tls;
-use crate::maps::{MapReadOptions, Maps};
+use crate::maps::{LoadedMap, MapReadOptions, Maps};
 use crate::options::ServerOptions;
 use crate::pool::Pool;
 use crate::problem;
@@ -108,9 +108,13 @@ impl App {
         let mut broken = Vec::new();
         for slot in self.maps.slots() {
             self.metrics.register_map(slot.name());
-            if let Some(Err(source)) = slot.reload(true, Instant::now()) {
-                self.metrics.reload_failing("map", slot.name(), true);
-                broken.push(ServerError::Map { name: slot.name().to_owned(), source });
+            match slot.reload(true, Instant::now()) {
+                None => {}
+                Some(Ok(loaded)) => self.check_unit(&loaded),
+                Some(Err(source)) => {
+                    self.metrics.reload_failing("map", slot.name(), true);
+                    broken.push(ServerError::Map { name: slot.name().to_owned(), source });
+                }
             }
         }
         let may_come = self.maps.has_folder() || !self.options.remote_maps.is_empty();
@@ -122,6 +126,19 @@ impl App {
             tracing::error!(%error, "this map is not served until its file can be opened");
         }
         Ok(())
+    }
+
+    /// Warns of a map with a geographic reference that does not say that its unit is metres: its GeoPoses are wrong by the
+    /// scale of the map.
+    pub(crate) fn check_unit(&self, loaded: &LoadedMap) {
+        let has_reference = self.options.geo_references.iter().any(|reference| reference.map == loaded.name);
+        if has_reference && loaded.map().is_some_and(|map| !map.is_metric()) {
+            tracing::warn!(
+                map = loaded.name,
+                "the unit of this map is not known to be metres, as its geographic reference needs: align it with \
+                 `veiloc map align`, or build it with `--metres` if it is"
+            );
+        }
     }
 
     /// The tokens that are valid now.

@@ -355,7 +355,10 @@ fn signals_stop_and_reload() {
     let scene = scene();
     fs::create_dir_all(scene.path("signals")).expect("folder");
     fs::copy(scene.path("place.vmap"), scene.path("signals/place.vmap")).expect("copied");
-    let mut service = Service::start(scene, "--map place=signals/place.vmap --watch 1000");
+    let mut service = Service::start(
+        scene,
+        "--map place=signals/place.vmap --watch 1000 --geo-reference place=47.3769,8.5417,455",
+    );
     assert_eq!(http::Request::get("/readyz").send(service.address).status, 200);
     let images = |service: &Service| {
         http::Request::get("/v1/maps").send(service.address).json()["maps"][0]["images"].clone()
@@ -369,7 +372,10 @@ fn signals_stop_and_reload() {
     }
     service.signal("-TERM");
     let status = service.child.wait().expect("ended");
-    assert_eq!(status.code(), Some(0), "{}", service.log());
+    let log = service.log();
+    assert_eq!(status.code(), Some(0), "{log}");
+    let warnings = log.matches("the unit of this map is not known to be metres").count();
+    assert_eq!(warnings, 2, "when it starts, and when it reloads the map:\n{log}");
 }
 
 /// A connection of a client.

@@ -1,7 +1,7 @@
 //! Frames of a video for structure from motion: decoded by ffmpeg, chosen here by movement and sharpness.
 //!
 //! A frame is kept when the image has moved by a few percent of its width since the last kept frame: a camera that rests gives one
-//! frame, a fast one many. Of the frames within that range the sharpest is kept. The movement is the median displacement of
+//! frame, its sharpest, a fast one many. Of the frames within that range the sharpest is kept. The movement is the median displacement of
 //! blocks of a small grey image; it counts rotations, too, because frames must overlap to be matched.
 //!
 //! ```text
@@ -350,12 +350,12 @@ struct Chooser {
     /// Frames that came.
     count: usize,
     kept: Vec<usize>,
-    /// The half-sized image of the last kept frame.
+    /// The half-sized image from which movement counts: that of the last kept frame, or of the first frame of its rest.
     key: Option<Grey>,
+    /// That of the last kept frame.
+    sharpness: f64,
     /// Frames since then that moved far enough.
     waiting: VecDeque<Frame>,
-    /// The last frame, if it was not kept.
-    last: Option<usize>,
 }
 
 impl Chooser {
@@ -364,13 +364,12 @@ impl Chooser {
         self.count += 1;
         let mut queue = VecDeque::from([frame]);
         while let Some(frame) = queue.pop_front() {
-            self.last = Some(frame.number);
             let Some(key) = &self.key else {
                 self.keep(frame);
                 continue;
             };
             match moved(key, &frame.half) {
-                Some(moved) if moved < MIN_MOVED => {}
+                Some(moved) if moved < MIN_MOVED => self.replace_if_sharper(&frame),
                 Some(moved) if moved < MAX_MOVED => self.waiting.push_back(frame),
                 _ if self.waiting.is_empty() => self.keep(frame),
                 _ => {
@@ -388,8 +387,18 @@ impl Chooser {
     fn keep(&mut self, frame: Frame) {
         self.kept.push(frame.number);
         self.key = Some(frame.half);
+        self.sharpness = frame.sharpness;
         self.waiting.clear();
-        self.last = None;
+    }
+
+    /// While the camera rests, a sharper frame takes the place of the kept one, which is often blurred by the movement before.
+    fn replace_if_sharper(&mut self, frame: &Frame) {
+        if let Some(kept) = self.kept.last_mut()
+            && self.waiting.is_empty()
+            && frame.sharpness > self.sharpness
+        {
+            (*kept, self.sharpness) = (frame.number, frame.sharpness);
+        }
     }
 
     /// Keeps the sharpest waiting frame, and returns those after it.
@@ -456,6 +465,13 @@ mod tests {
     #[test]
     fn camera_that_rests_gives_one_frame() {
         assert_eq!(chosen((0..50).map(|_| view(40, 0))), [0]);
+    }
+
+    #[test]
+    fn sharpest_frame_of_a_rest_is_kept() {
+        let moving = [view(0, 0), view(100, 3), view(101, 2)];
+        let resting = (0..9).map(|_| view(102, 0));
+        assert_eq!(chosen(moving.into_iter().chain(resting)), [0, 3]);
     }
 
     #[test]
