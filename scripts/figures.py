@@ -376,7 +376,7 @@ script("$P research/notes/scale_model.py --csv $O/scale && $P research/notes/sca
 script("$P scripts/service/greedy_token.py --veiloc OLD,NEW", "service/greedy-token.csv", by_hand=OLD)
 script("$P scripts/service/answer_times.py --veiloc $V --places redkitchen --images 20 --rounds 2 --csv $O/service/answer-times.csv",
        "service/answer-times.csv")  # fmt: skip
-script("$P scripts/cluster/throughput.py --veiloc $V --seconds 20 --workers 1 2 4 --csv $O/service/cluster-throughput.csv "
+script("$P scripts/cluster/throughput.py --veiloc $V --seconds 15 --workers 1 2 4 --csv $O/service/cluster-throughput.csv "
        "--latency-csv $O/service/cluster-latency.csv --json $W/cluster.json && "
        "$P research/notes/scale_model.py --check $W/cluster.json --csv $O/scale", "service/cluster-latency.csv",
        "service/cluster-throughput.csv", "scale/model-check.csv", by_hand=NATS)  # fmt: skip
@@ -429,7 +429,7 @@ script("$P scripts/pose_formats.py maps $V $D/redkitchen $W/formats $O/mapping/f
        by_hand="COLMAP and evo")  # fmt: skip
 script("$P scripts/map_merges.py $V $D $W/merges $O/mapping/merges.csv", "mapping/merges.csv")
 script("$P scripts/gps_place.py $V $D $W/gps $O/mapping/gps.csv", "mapping/gps.csv")
-script("$P scripts/cluster/placement.py --rendered --seconds 8 --veiloc $V --csv $O/service/cluster-placement.csv",
+script("$P scripts/cluster/placement.py --seconds 8 --veiloc $V --csv $O/service/cluster-placement.csv",
        "service/cluster-placement.csv", by_hand=NATS)  # fmt: skip
 script("$P scripts/cluster/shared_rates.py --rendered --seconds 15 --veiloc OLD,NEW --names before,now --csv $O/service/shared-rates.csv",
        "service/shared-rates.csv", by_hand=OLD)  # fmt: skip

@@ -38,7 +38,7 @@ impl Service {
         service
     }
 
-    /// The log is read up to the line with the address, and no further.
+    /// The log is read up to the line with the address, and no further; it has the lines before it.
     fn start_unread(scene: &TestScene, arguments: &str) -> (Self, Lines<BufReader<ChildStderr>>) {
         let mut child = scene
             .command(&format!("serve --listen 127.0.0.1:0 --drain-delay 0 --answer-quantum 0 --unauthenticated-max-age 3600 --connection-max-age 3600 {arguments}"))
@@ -54,7 +54,7 @@ impl Service {
             message = message + &line + "\n";
         };
         let address = url.split("//").nth(1).and_then(|a| a.parse().ok()).expect("an address");
-        (Self { child, url, address, log: Arc::default(), reader: None }, lines)
+        (Self { child, url, address, log: Arc::new(message.into()), reader: None }, lines)
     }
 
     fn log(&self) -> String {
