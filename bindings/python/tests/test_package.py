@@ -123,6 +123,12 @@ def test_exports_are_documented():
     assert STUBS.with_name("py.typed").exists()
 
 
+def test_images_in_another_frame_of_a_complete_model_cannot_be_transformed(tmp_path):
+    for other_frame in ("align", "ignore"):
+        with pytest.raises(veiloc.InputError, match="other_frame"):
+            veiloc.Map.from_colmap(tmp_path, tmp_path, other_frame=other_frame)
+
+
 def test_read_posed_recognizes_formats(tmp_path):
     """Posed images of other programs, as `Map.build` takes them."""
     fixtures = Path(__file__).resolve().parents[3] / "crates/tools/mapping/tests/data/importers/poses"
