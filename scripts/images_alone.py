@@ -5,8 +5,9 @@
     venv/bin/python scripts/images_alone.py VEILOC DATA WORK OUT.csv [PLACE…]
 
 DATA/PLACE has images/, posed/ (COLMAP text) or a complete model sparse/, and map.txt and query.txt; without these every fourth image
-is a query. For each place: the map of the images alone, the map of the given poses, and the hold-outs in both maps. Poses in the first map are moved by the similarity that fits the centres of its map images to the given ones;
-a query without a pose counts as infinite error.
+is a query. For each place: the map of the images alone, the map of the given poses, and the hold-outs in both maps. Poses in the first
+map are moved by the similarity that fits the centres of its map images to the given ones; where the centres do not tell the rotation,
+as of a camera that turns on the spot, the orientations do. A query without a pose counts as infinite error.
 
 Queries of the map of images alone have one of two cameras: the one that the map estimated (`map info` prints it; the choice of a
 user whose phone took the map images), and the one of the given model, which disagrees with the map by the error of its estimate.
@@ -24,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from places import write_csv
-from poses import center, rotation, similarity
+from poses import center, mean_rotation, rotation, similarity
 
 PLACES = [
     "herzjesu",
@@ -36,6 +37,9 @@ PLACES = [
     "hololens-office",
     "tum-fr1-rpy",
 ]
+
+# Least error of centres over their extent from which orientations tell the rotation: 5°.
+TURNING = np.radians(5)
 
 # A Python for `--python` that adds the processor time of pycolmap to a file: PYTHON FILE are filled in.
 TIMED = """#!{python}
@@ -136,6 +140,12 @@ def write_rows(path, rows):
     write_csv(Path(path), list(rows[0]), [list(row.values()) for row in rows])
 
 
+def fitted(x, y, turn=None):
+    """The similarity of centres, and their distances after it."""
+    s, r, t = similarity(x, y, turn)
+    return (s, r, t), np.linalg.norm(s * x @ r.T + t - y, axis=1)
+
+
 def rows_of(veiloc, folder, kept):
     model, truth, names, held_out = place_of(folder)
     images = folder / "images"
@@ -163,9 +173,11 @@ def rows_of(veiloc, folder, kept):
     posed = [image for image in largest.images.values() if image.has_pose]
     x = np.array([image.projection_center() for image in posed])
     y = np.array([center(*truth[image.name][1:]) for image in posed])
-    moved = similarity(x, y)
-    s, r, t = moved
-    apart = np.linalg.norm(s * x @ r.T + t - y, axis=1)
+    moved, apart = fitted(x, y)
+    # The extent in the second direction; about the first one, centres on a line tell no rotation.
+    extent = np.linalg.svd(y - y.mean(0), compute_uv=False)[1] / np.sqrt(len(y))
+    if np.sqrt((apart**2).mean()) > TURNING * extent:
+        moved, apart = fitted(x, y, mean_rotation([truth[image.name][1].T @ image.cam_from_world().rotation.matrix() for image in posed]))
     info = json.loads(run([veiloc, "map", "info", kept / "alone.vmap", "--images", "--json"])[0])
     estimated = {image["camera"].replace(",", " ") for image in info["image_list"]}
     if len(estimated) != 1:

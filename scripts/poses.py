@@ -32,11 +32,18 @@ def center(r, t):
     return -r.T @ t
 
 
-def similarity(x, y):
-    """Scale, rotation and translation with y = s R x + t, least squares (Umeyama, 1991); `x` and `y` are [N, 3]."""
+def mean_rotation(rotations):
+    """The rotation that is nearest to all of them (chordal mean)."""
+    u, _, vt = np.linalg.svd(np.sum(rotations, axis=0))
+    return u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
+
+
+def similarity(x, y, r=None):
+    """Scale, rotation and translation with y = s R x + t, least squares (Umeyama, 1991); `x` and `y` are [N, 3], `r` is the rotation
+    if it is known."""
     mx, my = x.mean(0), y.mean(0)
-    u, d, vt = np.linalg.svd((y - my).T @ (x - mx))
-    sign = np.diag([1, 1, np.sign(np.linalg.det(u @ vt))])
-    r = u @ sign @ vt
-    s = np.trace(np.diag(d) @ sign) / ((x - mx) ** 2).sum()
+    if r is None:
+        u, _, vt = np.linalg.svd((y - my).T @ (x - mx))
+        r = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
+    s = ((y - my) * ((x - mx) @ r.T)).sum() / ((x - mx) ** 2).sum()
     return s, r, my - s * r @ mx
