@@ -6,17 +6,19 @@
 
 The steps of hloc with COLMAP's parts, for each place: SIFT of pycolmap, triangulation with the given poses from the map images, ten
 images by VLAD, mutual nearest neighbours without ratio test, and the pose by pycolmap, by PoseLib (LO-RANSAC of P3P), and by OpenCV
-(`solvePnPRansac` with SQPnP). COLMAP's own localization: the queries are matched with the same ten images, with its ratio test and
+(`solvePnPRansac` with SQPnP). With `--learned`, the same steps with the features of a network, as hloc does them, and the pose by
+PoseLib; `veiloc features` extracts these, with the files in VEILOC_MODELS. COLMAP's own localization: the queries are matched with the same ten images, with its ratio test and
 two-view geometry, and each is registered in the model alone. veiloc: `eval scene` under each scheme. All with the same number of
 keypoints at most. A query without a pose counts as infinite error.
 
 Bytes: images as JPEG of quality 90; keypoints with descriptors as two 16-bit coordinates and 128 bytes each; queries of veiloc as sent.
-Times, with `--times`, are medians of a query on this machine: features (one image after another), match (retrieval and matching), pose.
+descriptors of networks as two bytes a number. Times, with `--times`, are medians of a query on this machine: features (one image after another), match (retrieval and matching), pose.
 --work keeps COLMAP's models of the map images, which take most of the time; `--maps-only` makes these alone, so that the queries can be
 timed on a machine that does nothing else.
 """
 
 import argparse
+import functools
 import io
 import json
 import shutil
@@ -26,6 +28,7 @@ import time
 from pathlib import Path
 
 import cv2
+import h5py
 import numpy as np
 import poselib
 import pycolmap
@@ -38,6 +41,8 @@ KEYPOINTS = 2048
 RETRIEVED = 10
 # Inlier threshold of the other programs, pixels.
 MAX_ERROR = 8.0
+# Features of networks, as they are called.
+NETWORKS = {"alike": "ALIKE", "alike-t": "ALIKE-tiny", "xfeat": "XFeat"}
 SENT = {"image": "image", "points": "keypoints, descriptors", "lines": "lines, descriptors"}
 COLUMNS = [
     "place", "program", "what leaves the device", "queries", "localized", "within 5 cm and 5° (%)", "within 25 cm and 2° (%)",
@@ -185,7 +190,7 @@ def features(database_path, names):
     return keypoints, descriptors
 
 
-def triangulated(work, images_folder, names, poses, camera, extract, matching):
+def triangulated(work, images_folder, names, poses, camera, extract_and_match):
     """COLMAP's database and model of the map images with the given poses, in `work`; kept from an earlier run."""
     database_path, out = work / "map.db", work / "triangulated"
     if (out / "points3D.bin").exists():
@@ -194,8 +199,7 @@ def triangulated(work, images_folder, names, poses, camera, extract, matching):
     out.mkdir(parents=True)
     model = work / "posed"
     model.mkdir()
-    extract(database_path, names)
-    pycolmap.match_exhaustive(database_path, matching_options=matching, device=pycolmap.Device.cpu)
+    extract_and_match(database_path, names)
     (model / "points3D.txt").write_text("")
     # COLMAP needs the ids of its database: images are not extracted in the order of the list.
     database = pycolmap.Database.open(database_path)
@@ -241,56 +245,54 @@ def registered(model, database_path, names):
     return poses, times
 
 
-def of_others(folder, kept, work, place, maps_only=False):
-    """Rows of the other programs; `kept` is the folder of COLMAP's model, `work` one for the queries."""
-    cameras, poses = read_cameras(folder / "posed"), read_poses(folder / "posed")
-    map_names, query_names = read_list(folder / "map.txt"), read_list(folder / "query.txt")
-    images = folder / "images"
-    pycolmap.set_random_seed(0)
+def reader_of(camera):
+    """How COLMAP reads images of this camera."""
+    return pycolmap.ImageReaderOptions(camera_model=camera["model"], camera_params=",".join(map(str, camera["params"])))
+
+
+class Place:
+    """Images, cameras and poses of a place; `kept` is the folder of COLMAP's models."""
+
+    def __init__(self, folder, kept):
+        self.folder, self.kept, self.images = folder, kept, folder / "images"
+        self.cameras, self.poses = read_cameras(folder / "posed"), read_poses(folder / "posed")
+        self.map, self.queries = read_list(folder / "map.txt"), read_list(folder / "query.txt")
+        self.camera = self.cameras[self.poses[self.map[0]][2]]
+
+    def truth(self, name):
+        q, t, _ = self.poses[name]
+        return rotation(q), t
+
+    def camera_of(self, name):
+        own = self.cameras[self.poses[name][2]]
+        return pycolmap.Camera(model=own["model"], width=own["width"], height=own["height"], params=own["params"])
+
+    def image_bytes(self):
+        return np.median([jpeg_bytes(self.images / name) for name in self.queries])
+
+
+def by_steps(place, model, keypoints, descriptors, estimators):
+    """hloc's steps after extraction: retrieval, matches with the model, pose. Errors and times of each estimator, the time of
+    matching (ms), and the retrieved pairs."""
     rng = np.random.default_rng(0)
-    camera = cameras[poses[map_names[0]][2]]
-    options = pycolmap.FeatureExtractionOptions(use_gpu=False)
-    options.sift.max_num_features = KEYPOINTS
-    reader = pycolmap.ImageReaderOptions(
-        camera_model=camera["model"], camera_params=",".join(map(str, camera["params"])))
-    matching = pycolmap.FeatureMatchingOptions(use_gpu=False)
-
-    def extract(database_path, names):
-        pycolmap.extract_features(
-            database_path, images, image_names=names, camera_mode=pycolmap.CameraMode.SINGLE, reader_options=reader,
-            extraction_options=options, device=pycolmap.Device.cpu)  # fmt: skip
-
-    map_database, model = triangulated(kept, images, map_names, poses, camera, extract, matching)
-    if maps_only:
-        return []
-    database_path = shutil.copy(map_database, work / "all.db")
-    feature_times = []
-    for name in query_names:
-        started = time.time()
-        extract(database_path, [name])
-        feature_times.append(1e3 * (time.time() - started))
-    keypoints, descriptors = features(database_path, map_names + query_names)
     reconstruction = pycolmap.Reconstruction(model)
     point_of = {
         image.name: np.array([p.point3D_id if p.has_point3D() else -1 for p in image.points2D], dtype=np.int64)
         for image in reconstruction.images.values()
     }
     xyz = {i: p.xyz for i, p in reconstruction.points3D.items()}
-    samples = np.concatenate([descriptors[n] for n in map_names])
+    samples = np.concatenate([descriptors[n] for n in place.map])
     centers = train_vocabulary(samples[rng.permutation(len(samples))[:50_000]], 64, rng)
-    vlads = np.stack([vlad(descriptors[n], centers) for n in map_names])
+    vlads = np.stack([vlad(descriptors[n], centers) for n in place.map])
 
-    errors, times = {name: [] for name in ESTIMATORS}, {name: [] for name in ESTIMATORS}
+    errors, times = {name: [] for name in estimators}, {name: [] for name in estimators}
     match_times, image_pairs = [], []
-    for name in query_names:
-        q, t, c = poses[name]
-        truth = rotation(q), t
-        known = pycolmap.Camera(model=cameras[c]["model"], width=cameras[c]["width"], height=cameras[c]["height"],
-                                params=cameras[c]["params"])  # fmt: skip
+    for name in place.queries:
+        known = place.camera_of(name)
         started = time.time()
         top = np.argsort(-(vlads @ vlad(descriptors[name], centers)), kind="stable")[:RETRIEVED]
         pairs = set()
-        for other in (map_names[j] for j in top):
+        for other in (place.map[j] for j in top):
             image_pairs.append((name, other))
             ids = point_of.get(other)
             if ids is not None:
@@ -300,37 +302,126 @@ def of_others(folder, kept, work, place, maps_only=False):
         pairs = sorted(pairs)
         p2d = np.array([keypoints[name][a] for a, _ in pairs]).reshape(-1, 2)
         p3d = np.array([xyz[b] for _, b in pairs]).reshape(-1, 3)
-        for program, estimate in ESTIMATORS.items():
+        for program, estimate in estimators.items():
             started = time.time()
             pose = estimate(known, p2d, p3d) if len(pairs) >= 4 else None
             times[program].append(1e3 * (time.time() - started))
-            errors[program].append(error(pose, truth))
+            errors[program].append(error(pose, place.truth(name)))
+    return errors, {program: np.median(each) for program, each in times.items()}, np.median(match_times), image_pairs
+
+
+def of_colmap(place, work, maps_only=False):
+    """Rows of the other programs with COLMAP's SIFT; `work` is a folder for the queries."""
+    pycolmap.set_random_seed(0)
+    options = pycolmap.FeatureExtractionOptions(use_gpu=False)
+    options.sift.max_num_features = KEYPOINTS
+    matching = pycolmap.FeatureMatchingOptions(use_gpu=False)
+
+    def extract(database_path, names):
+        pycolmap.extract_features(
+            database_path, place.images, image_names=names, camera_mode=pycolmap.CameraMode.SINGLE,
+            reader_options=reader_of(place.camera), extraction_options=options, device=pycolmap.Device.cpu)  # fmt: skip
+
+    def extract_and_match(database_path, names):
+        extract(database_path, names)
+        pycolmap.match_exhaustive(database_path, matching_options=matching, device=pycolmap.Device.cpu)
+
+    map_database, model = triangulated(place.kept, place.images, place.map, place.poses, place.camera, extract_and_match)
+    if maps_only:
+        return []
+    database_path = shutil.copy(map_database, work / "all.db")
+    feature_times = []
+    for name in place.queries:
+        started = time.time()
+        extract(database_path, [name])
+        feature_times.append(1e3 * (time.time() - started))
+    keypoints, descriptors = features(database_path, place.map + place.queries)
+    errors, times, match_time, image_pairs = by_steps(place, model, keypoints, descriptors, ESTIMATORS)
 
     listed = work / "pairs.txt"
     listed.write_text("".join(f"{a} {b}\n" for a, b in image_pairs))
     started = time.time()
     pycolmap.match_image_pairs(database_path, matching_options=matching, device=pycolmap.Device.cpu,
                                pairing_options=pycolmap.ImportedPairingOptions(match_list_path=listed))  # fmt: skip
-    of_pairs = 1e3 * (time.time() - started) / len(query_names)
-    found, register_times = registered(model, database_path, query_names)
-    size = np.median([jpeg_bytes(images / name) for name in query_names])
+    of_pairs = 1e3 * (time.time() - started) / len(place.queries)
+    found, register_times = registered(model, database_path, place.queries)
+    size = place.image_bytes()
     rows = []
-    of_points = np.median([len(keypoints[name]) for name in query_names]) * (4 + 128)
+    of_points = np.median([len(keypoints[name]) for name in place.queries]) * (4 + 128)
     for program in ESTIMATORS:
-        each = np.median(feature_times), np.median(match_times), np.median(times[program])
-        rows.append(row(place, program, "image", errors[program], each, size))
+        each = np.median(feature_times), match_time, times[program]
+        rows.append(row(place.folder.name, program, "image", errors[program], each, size))
         if program == "hloc's steps, PoseLib":
-            rows.append(row(place, f"{program}, features on the device", "points", errors[program], each, of_points))
-    own = [error(found[name], (rotation(poses[name][0]), poses[name][1])) for name in query_names]
+            rows.append(row(place.folder.name, f"{program}, features on the device", "points", errors[program], each, of_points))
+    own = [error(found[name], place.truth(name)) for name in place.queries]
     each = np.median(feature_times), of_pairs, np.median(register_times)
-    rows.append(row(place, "COLMAP, registration", "image", own, each, size))
+    rows.append(row(place.folder.name, "COLMAP, registration", "image", own, each, size))
     return rows
 
 
-def of_veiloc(args, folder, work, place):
+def of_learned(kind, veiloc, place, work, maps_only=False):
+    """Rows of hloc's steps with the features of a network."""
+
+    def extracted(names):
+        """Keypoints in COLMAP's pixels, unit descriptors, and the time of an image, ms."""
+        listed, out = work / "names.txt", work / "features.h5"
+        listed.write_text("".join(f"{name}\n" for name in names))
+        started = time.time()
+        subprocess.run([veiloc, "features", "--quiet", "--features", kind, "--max-keypoints", str(KEYPOINTS), "--list", listed,
+                        "--out-hloc", out, place.images], check=True)  # fmt: skip
+        spent = 1e3 * (time.time() - started) / len(names)
+        keypoints, descriptors = {}, {}
+        with h5py.File(out) as file:
+            for name in names:
+                # hloc's files have the centre of the first pixel at 0, COLMAP at 0.5.
+                keypoints[name] = file[name]["keypoints"][:].astype(float) + 0.5
+                d = file[name]["descriptors"][:].T.astype(np.float32)
+                descriptors[name] = d / np.linalg.norm(d, axis=1, keepdims=True)
+        return keypoints, descriptors, spent
+
+    # Once for the model and the queries, if the model is there already.
+    of_map = functools.cache(lambda: extracted(place.map))
+
+    def extract_and_match(database_path, names):
+        pycolmap.Database.open(database_path).close()
+        pycolmap.import_images(database_path, place.images, camera_mode=pycolmap.CameraMode.SINGLE, image_names=names,
+                               options=reader_of(place.camera))  # fmt: skip
+        keypoints, descriptors, _ = of_map()
+        database = pycolmap.Database.open(database_path)
+        ids = {name: database.read_image_with_name(name).image_id for name in names}
+        for name in names:
+            database.write_keypoints(ids[name], keypoints[name].astype(np.float32))
+        pairs = [(a, b) for i, a in enumerate(names) for b in names[:i]]
+        for a, b in pairs:
+            database.write_matches(ids[a], ids[b], mutual_nearest(descriptors[a], descriptors[b]).astype(np.uint32))
+        database.close()
+        listed = work / "map-pairs.txt"
+        listed.write_text("".join(f"{a} {b}\n" for a, b in pairs))
+        pycolmap.verify_matches(database_path, listed)
+
+    pycolmap.set_random_seed(0)
+    kept = place.kept.with_name(f"{place.kept.name}-{kind}")
+    _, model = triangulated(kept, place.images, place.map, place.poses, place.camera, extract_and_match)
+    if maps_only:
+        return []
+    keypoints, descriptors, spent = extracted(place.queries)
+    for known, own in zip((keypoints, descriptors), of_map()):
+        known.update(own)
+    program = f"hloc's steps with {NETWORKS[kind]}, PoseLib"
+    errors, times, match_time, _ = by_steps(place, model, keypoints, descriptors, {program: by_poselib})
+    each = spent, match_time, times[program]
+    of_points = np.median([keypoints[n].shape[0] * (4 + 2 * descriptors[n].shape[1]) for n in place.queries])
+    return [
+        row(place.folder.name, program, "image", errors[program], each, place.image_bytes()),
+        row(place.folder.name, f"{program}, features on the device", "points", errors[program], each, of_points),
+    ]
+
+
+def of_veiloc(veiloc, place, work):
+    folder = place.folder
     found = work / "scene.json"
     subprocess.run(
-        [args.veiloc, "eval", "scene", "--quiet", "--posed", folder / "posed", "--images", folder / "images", "--map-list",
+        [veiloc, "eval", "scene", "--quiet", "--posed", folder / "posed", "--images", folder / "images", "--map-list",
          folder / "map.txt", "--query-list", folder / "query.txt", "--schemes", "points,random-lines,dcl", "--thresholds",
          "0.05/5,0.25/2", "--query-keypoints", str(KEYPOINTS), "--json", found],
         check=True, stdout=subprocess.DEVNULL)  # fmt: skip
@@ -343,7 +434,7 @@ def of_veiloc(args, folder, work, place):
         ms = scheme["median_ms"]
         match = ms["retrieve"] + ms["match"]
         sent = "points" if scheme["scheme"] == "points" else "lines"
-        rows.append(row(place, f"veiloc, {scheme['scheme']}", sent, errors, (ms["extract"], match, ms["pose"]),
+        rows.append(row(folder.name, f"veiloc, {scheme['scheme']}", sent, errors, (ms["extract"], match, ms["pose"]),
                         scheme["sealed_bytes"]))  # fmt: skip
     return rows
 
@@ -353,6 +444,7 @@ def main():
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--veiloc", default="veiloc")
     parser.add_argument("--places", default=",".join(PLACES))
+    parser.add_argument("--learned", default="", help=f"features of networks too, of {', '.join(NETWORKS)}")
     parser.add_argument("--csv", type=Path)
     parser.add_argument("--work", type=Path, required=True)
     parser.add_argument("--maps-only", action="store_true")
@@ -361,11 +453,13 @@ def main():
     pycolmap.logging.minloglevel = 2
     rows = []
     for place in args.places.split(","):
-        folder = args.data / place
+        place = Place(args.data / place, args.work / place)
         with tempfile.TemporaryDirectory() as work:
-            rows += of_others(folder, args.work / place, Path(work), place, args.maps_only)
+            rows += of_colmap(place, Path(work), args.maps_only)
+            for kind in filter(None, args.learned.split(",")):
+                rows += of_learned(kind, args.veiloc, place, Path(work), args.maps_only)
             if not args.maps_only:
-                rows += of_veiloc(args, folder, Path(work), place)
+                rows += of_veiloc(args.veiloc, place, Path(work))
         # After each place, so that an interrupted run shows what it has.
         if rows:
             end = None if args.times else -len(TIMES)

@@ -43,7 +43,7 @@ def write_csv(path: Path | None, columns: list[str], rows: list[list]):
 def kept_document(veiloc, work: Path, *command) -> dict:
     """What a command prints with `--json`; kept in `work`, so that it runs once and an interrupted script goes on."""
     words = [str(word) for word in command]
-    kept = work / f"{'-'.join(words[:2])}-{hashlib.sha256(' '.join(words).encode()).hexdigest()[:16]}.json"
+    kept = work / f"{'-'.join(Path(word).name for word in words[:2])}-{hashlib.sha256(' '.join(words).encode()).hexdigest()[:16]}.json"
     if not kept.exists():
         work.mkdir(parents=True, exist_ok=True)
         partial = kept.with_suffix(".partial")
