@@ -47,12 +47,16 @@ veiloc localize --map "$work/place.vmap" "$work/photo.vquery" || [ $? -eq 4 ]
 timed "pip install ./bindings/python" "$work/venv/bin/pip" install --quiet ./bindings/python
 timed "Python example" "$work/venv/bin/python" examples/python/map_and_localize.py
 
+rustup target add wasm32-unknown-unknown
+timed "build the page" bindings/web/build.sh target/release
 veiloc demo --page --listen 127.0.0.1:0 --out "$work/page" > "$work/page.log" 2>&1 &
 page=$!
 for _ in $(seq 600); do
+    kill -0 $page 2> /dev/null || break
     address="$(grep -o 'http://127.0.0.1:[0-9]*' "$work/page.log" | head -1 || true)"
     if [ -n "$address" ] && curl -sf "$address/" > /dev/null; then break; fi
     sleep 0.5
 done
-curl -sf "$address/" | grep -q "veiloc" && echo "page: $address answers"
+kill -0 $page || { cat "$work/page.log" >&2; exit 1; }
+curl -sf "$address/" | grep -q "veiloc" && echo "page: answers"
 kill $page

@@ -4,12 +4,12 @@
 #     scripts/release.sh [DIR]              DIR: default target/veiloc-VERSION
 #     scripts/release.sh DIR program wheel  these only: program wheel npm c phone crates helm container sbom
 #
-# An artefact that is there is not built again, but tried again. Needs Rust, Python, CMake and a C++ compiler, Node.js and Chromium for
-# npm, and a running Docker or Podman for the container. Libraries for Android and iOS need the NDK and Xcode:
-# bindings/mobile/android/build.sh and bindings/mobile/apple/xcframework.sh; `phone` has their sources and generated code.
+# An artefact that is there is not built again, but tried again. Needs Rust with the target wasm32-unknown-unknown, Python, CMake and a
+# C++ compiler, Node.js and Chromium for npm, and a running Docker or Podman for the container. Libraries for Android and iOS need the
+# NDK and Xcode: bindings/mobile/android/build.sh and bindings/mobile/apple/xcframework.sh; `phone` has their sources and generated code.
 #
 # How each is tried, with the programs of the system only (`env -i`) and without this repository:
-#   program    renders, maps and localizes a place, and serves it for the other trials
+#   program    renders, maps and localizes a place, and serves it and its page, for the other trials
 #   wheel      scripts/wheel.sh
 #   npm        installed into a new vite project, which localizes an image in Chromium
 #   c          the C++ program of docs/guide/phone.md, built by CMake in an empty folder; its query is answered by the service
@@ -49,11 +49,13 @@ program() {
         cargo build --release --locked --package veiloc-cli --features full
         mkdir -p "$work/$name"
         cp "$CARGO_TARGET_DIR/release/veiloc" README.md CHANGELOG.md LICENSE-* "$work/$name"
+        bindings/web/build.sh "$work/$name"
         strip "$work/$name/veiloc"
         tar -czf "$out/$name.tar.gz" -C "$work" --owner=0 --group=0 "$name"
     fi
     unpacked
     alone "$work/program/veiloc" --version
+    curl -sf "$address/" | grep -q veiloc || fail "the service has no page"
     # Exit code 4: some are doubtful.
     alone "$work/program/veiloc" localize --map "$work/demo/place.vmap" --queries "$work/queries.txt" --images "$work/demo/images" \
         --json --quiet > "$work/localized" || [ $? -eq 4 ]
@@ -69,7 +71,7 @@ unpacked() {
     # Camera and frame of the first query images, for the trials.
     awk '$1 ~ /^[0-9]+$/ && NF > 4 { $1 = ""; print; exit }' "$work/demo/posed/cameras.txt" > "$work/camera.txt"
     (cd "$work/demo/images" && printf '%s\n' query-*) | head -3 | sed "s|\$|$(cat "$work/camera.txt")|" > "$work/queries.txt"
-    alone "$work/program/veiloc" serve --map "place=$work/demo/place.vmap" --listen 127.0.0.1:0 > "$work/serve.log" 2>&1 &
+    alone "$work/program/veiloc" serve --map "place=$work/demo/place.vmap" --page --listen 127.0.0.1:0 > "$work/serve.log" 2>&1 &
     service=$!
     for _ in $(seq 100); do
         address="$(sed -n 's/.*serving \S* on \(http:[^ ]*\).*/\1/p' "$work/serve.log" | head -1)"
