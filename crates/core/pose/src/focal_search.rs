@@ -43,6 +43,12 @@ pub(crate) trait WithConfidence {
 
     /// Required gain of another focal length before a calibrated one is called wrong, [`FocalVerdict::min_gain`].
     fn min_gain(&self) -> f64;
+
+    /// Whether more of the camera than its focal length was estimated. From a search with a wrong focal length, such a
+    /// camera may explain the matches well and be wrong.
+    fn is_of_other_camera(&self) -> bool {
+        false
+    }
 }
 
 /// An estimate of one image, with its observations.
@@ -58,6 +64,10 @@ impl WithConfidence for ImageEstimate<'_> {
 
     fn min_gain(&self) -> f64 {
         FocalVerdict::min_gain(self.observations, self.estimate.inlier_count)
+    }
+
+    fn is_of_other_camera(&self) -> bool {
+        self.estimate.principal_shift_px != [0.0; 2]
     }
 }
 
@@ -115,8 +125,11 @@ fn min_surplus<T: WithConfidence>(focal: FocalPrior, found: &Result<T, PoseError
 pub(crate) fn is_clear<T: WithConfidence>(found: &Result<T, PoseError>) -> bool {
     // A suspicious focal length has already been tested, and a given position says nothing about it.
     let other = |doubt: &Doubt| !matches!(doubt, Doubt::FocalLength { .. } | Doubt::FarFromPosition { .. });
-    found.as_ref().map(WithConfidence::confidence).is_ok_and(|confidence| {
-        confidence.log_evidence > CLEAR_LOG_EVIDENCE && !confidence.doubts().iter().any(other)
+    found.as_ref().is_ok_and(|found| {
+        let confidence = found.confidence();
+        confidence.log_evidence > CLEAR_LOG_EVIDENCE
+            && !found.is_of_other_camera()
+            && !confidence.doubts().iter().any(other)
     })
 }
 

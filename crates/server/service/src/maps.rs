@@ -14,6 +14,7 @@ use veiloc_protocol::{Profile, RigMessage};
 
 use crate::decoded_request::BodyKind;
 use crate::error::ServerError;
+use crate::geo_reference::GeoReference;
 use crate::options::MapSource;
 use crate::problem::Problem;
 use crate::remote::{MapDescription, RemoteBackend, RemoteMap};
@@ -102,6 +103,14 @@ impl LoadedMap {
         }
     }
 
+    /// Whether map units are metres; false if not known.
+    fn is_metric(&self) -> bool {
+        match &self.backend {
+            Backend::Local(map) => map.is_metric(),
+            Backend::Remote { description, .. } => description.is_metric,
+        }
+    }
+
     /// The map, if it is local.
     pub(crate) fn map(&self) -> Option<&MapFile> {
         match &self.backend {
@@ -152,6 +161,8 @@ pub(crate) struct MapSlot {
     attempts: Mutex<ReloadAttempts<Option<Stamp>>>,
     /// For maps found in the folder: number of scans in a row that did not find the file.
     from_folder: Option<Mutex<u32>>,
+    /// Whether it has a geographic reference, which needs metres.
+    has_reference: bool,
 }
 
 /// Source of a map.
@@ -164,12 +175,27 @@ enum Source {
 pub(crate) type ReloadResult = Result<Arc<LoadedMap>, MapError>;
 
 impl MapSlot {
-    fn new(source: Source, from_folder: bool) -> Self {
-        Self {
+    fn new(source: Source, from_folder: bool, references: &[GeoReference]) -> Self {
+        let slot = Self {
             source,
             current: RwLock::new(None),
             attempts: Mutex::default(),
             from_folder: from_folder.then(Mutex::default),
+            has_reference: false,
+        };
+        let has_reference = references.iter().any(|reference| reference.map == slot.name());
+        Self { has_reference, ..slot }
+    }
+
+    /// Warns of a map with a geographic reference that does not say that its unit is metres: its GeoPoses are wrong by the
+    /// scale of the map.
+    fn check_unit(&self, loaded: &LoadedMap) {
+        if self.has_reference && !loaded.is_metric() {
+            tracing::warn!(
+                map = loaded.name,
+                "the unit of this map is not known to be metres, as its geographic reference needs: align it with \
+                 `veiloc map align`, or build it with `--metres` if it is"
+            );
         }
     }
 
@@ -206,6 +232,7 @@ impl MapSlot {
             return known;
         }
         let loaded = Arc::new(LoadedMap::remote(source, now));
+        self.check_unit(&loaded);
         *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(loaded.clone());
         Some(loaded)
     }
@@ -241,6 +268,7 @@ impl MapSlot {
         match opened {
             Ok(loaded) => {
                 let loaded = Arc::new(loaded);
+                self.check_unit(&loaded);
                 *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(loaded.clone());
                 // If the file was replaced while it was being read, its stamp is ambiguous: read it again.
                 if Stamp::of(&source.path) == before {
@@ -281,6 +309,7 @@ pub(crate) struct Maps {
     slots: RwLock<Vec<Arc<MapSlot>>>,
     folder: Option<PathBuf>,
     reading: MapReadOptions,
+    references: Vec<GeoReference>,
     ignored: Mutex<Vec<String>>,
 }
 
@@ -291,11 +320,18 @@ impl Maps {
         remote: &[RemoteMap],
         folder: Option<PathBuf>,
         reading: MapReadOptions,
+        references: &[GeoReference],
     ) -> Self {
         let files = sources.iter().map(|source| Source::File(source.clone(), reading));
         let all = files.chain(remote.iter().cloned().map(Source::Remote));
-        let slots = all.map(|source| Arc::new(MapSlot::new(source, false))).collect();
-        Self { slots: RwLock::new(slots), folder, reading, ignored: Mutex::default() }
+        let slots = all.map(|source| Arc::new(MapSlot::new(source, false, references))).collect();
+        Self {
+            slots: RwLock::new(slots),
+            folder,
+            reading,
+            references: references.to_vec(),
+            ignored: Mutex::default(),
+        }
     }
 
     /// Looks up the current map of this name.
@@ -376,10 +412,87 @@ impl Maps {
                 }
                 continue;
             }
-            let slot = Arc::new(MapSlot::new(Source::File(MapSource { name, path }, self.reading), true));
+            let source = Source::File(MapSource { name, path }, self.reading);
+            let slot = Arc::new(MapSlot::new(source, true, &self.references));
             slots.push(slot.clone());
             changes.push(FolderChange::Added(slot));
         }
         Ok(changes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
+    use veiloc_protocol::Profile;
+
+    use super::*;
+    use crate::remote::{AnswerFuture, MapDescription, RemoteBackend, RemoteRequest};
+
+    /// A backend whose map can be replaced.
+    struct Replaced(Mutex<Arc<MapDescription>>);
+
+    impl RemoteBackend for Replaced {
+        fn describe(&self) -> Option<Arc<MapDescription>> {
+            Some(self.0.lock().unwrap().clone())
+        }
+        fn is_complete(&self) -> bool {
+            true
+        }
+        fn longest(&self) -> usize {
+            1
+        }
+        fn localize(&self, _: RemoteRequest) -> AnswerFuture<'_> {
+            unreachable!("no query is sent")
+        }
+    }
+
+    #[derive(Clone, Default)]
+    struct Log(Arc<Mutex<Vec<u8>>>);
+
+    impl Write for Log {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            self.0.lock().unwrap().write(bytes)
+        }
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn remote_map_in_an_unknown_unit_is_warned_of_once_if_it_has_a_geographic_reference() {
+        let described = |is_metric| {
+            let words = Descriptors::new(DescriptorKind::ROOT_SIFT, vec![9; 512]).unwrap();
+            let profile = Profile::vlad(Vocabulary::new(words).unwrap());
+            Arc::new(MapDescription { profile, images: 1, points: 1, is_metric })
+        };
+        let log = Log::default();
+        let writer = log.clone();
+        let subscriber = tracing_subscriber::fmt().with_writer(move || writer.clone()).finish();
+        let warnings = || {
+            String::from_utf8(log.0.lock().unwrap().clone())
+                .unwrap()
+                .matches("not known to be metres")
+                .count()
+        };
+        tracing::subscriber::with_default(subscriber, || {
+            for (map, expected) in [("lobby", [1, 1, 2]), ("hall", [2, 2, 2])] {
+                let backend = Arc::new(Replaced(Mutex::new(described(false))));
+                let remote = RemoteMap { name: map.to_owned(), backend: backend.clone() };
+                let reference: GeoReference = "lobby=47.3769,8.5417,455".parse().unwrap();
+                let slot = MapSlot::new(Source::Remote(remote), false, &[reference]);
+                slot.current().unwrap();
+                slot.current().unwrap();
+                assert_eq!(warnings(), expected[0], "{map}: the same map");
+                *backend.0.lock().unwrap() = described(true);
+                slot.current().unwrap();
+                assert_eq!(warnings(), expected[1], "{map}: in metres");
+                *backend.0.lock().unwrap() = described(false);
+                slot.current().unwrap();
+                assert_eq!(warnings(), expected[2], "{map}: replaced");
+            }
+        });
     }
 }

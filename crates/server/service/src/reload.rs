@@ -107,7 +107,6 @@ impl App {
                 let (images, points) = (loaded.images, loaded.points);
                 let what = if had_one { "map replaced" } else { "map opened" };
                 tracing::info!(map = slot.name(), images, points, "{what}");
-                self.check_unit(&loaded);
             }
             Err(error) if had_one => {
                 tracing::error!(map = slot.name(), %error, "map refused; the previous one is still served");

@@ -25,6 +25,8 @@ pub struct MapDescription {
     pub images: usize,
     /// Map points.
     pub points: usize,
+    /// Whether map units are metres; false if not known.
+    pub is_metric: bool,
 }
 
 /// One request to a remote backend.

@@ -90,6 +90,7 @@ impl App {
                     // Not needed without a page.
                     page_points: options.page.as_ref().map_or(0, |_| options.page_points),
                 },
+                &options.geo_references,
             ),
             pool,
             tls,
@@ -109,8 +110,7 @@ impl App {
         for slot in self.maps.slots() {
             self.metrics.register_map(slot.name());
             match slot.reload(true, Instant::now()) {
-                None => {}
-                Some(Ok(loaded)) => self.check_unit(&loaded),
+                None | Some(Ok(_)) => {}
                 Some(Err(source)) => {
                     self.metrics.reload_failing("map", slot.name(), true);
                     broken.push(ServerError::Map { name: slot.name().to_owned(), source });
@@ -126,19 +126,6 @@ impl App {
             tracing::error!(%error, "this map is not served until its file can be opened");
         }
         Ok(())
-    }
-
-    /// Warns of a map with a geographic reference that does not say that its unit is metres: its GeoPoses are wrong by the
-    /// scale of the map.
-    pub(crate) fn check_unit(&self, loaded: &LoadedMap) {
-        let has_reference = self.options.geo_references.iter().any(|reference| reference.map == loaded.name);
-        if has_reference && loaded.map().is_some_and(|map| !map.is_metric()) {
-            tracing::warn!(
-                map = loaded.name,
-                "the unit of this map is not known to be metres, as its geographic reference needs: align it with \
-                 `veiloc map align`, or build it with `--metres` if it is"
-            );
-        }
     }
 
     /// The tokens that are valid now.

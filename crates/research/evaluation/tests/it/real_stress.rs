@@ -41,6 +41,29 @@ fn stress_conditions_of_redkitchen(data: &Path) {
     }
 }
 
+/// A focal length that is called calibrated and is wrong by 30 %: the first search may end at a camera with another
+/// principal point instead, which explains many matches and is half a metre away.
+#[real_data_test]
+fn wrong_focal_length_leads_to_no_wrong_trusted_pose(data: &Path) {
+    let kitchen = data.join("redkitchen");
+    let posed = read_posed(&kitchen.join("posed")).expect("poses of the data");
+    let (map, queries) = (names(&kitchen.join("map.txt"), 2), names(&kitchen.join("query.txt"), 1));
+    let mut evaluation = StressEvaluation::new(posed, kitchen.join("images"), map, queries);
+    (evaluation.stresses, evaluation.schemes) = (vec![StressCondition::Focal(30)], vec![Scheme::default()]);
+    let result = evaluate_stress(&evaluation, &()).expect("evaluated");
+    let queries = || result.queries.iter().filter(|query| query.stress == "focal-30");
+    for query in queries().filter(|query| query.state == State::Trusted) {
+        let over_sd = query.uncertainty.as_ref().and_then(|uncertainty| uncertainty.center_error_over_sd);
+        assert!(
+            over_sd.is_some_and(|over_sd| over_sd < 5.0),
+            "{}: {over_sd:?}, before 15 and more",
+            query.name
+        );
+    }
+    let row = result.rows.iter().find(|row| row.stress == "focal-30").expect("its row");
+    assert!(queries().count() == 29 && row.recall["0.25/2"] >= 0.9, "{}", row.recall["0.25/2"]);
+}
+
 /// Out-of-map images are not localized in a kitchen, and an image without texture cannot be sealed.
 #[real_data_test]
 fn out_of_map_images_are_not_trusted(data: &Path) {

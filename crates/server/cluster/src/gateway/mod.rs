@@ -211,7 +211,12 @@ impl Inner {
         let bytes = std::fs::read(&path).map_err(io)?;
         let wrong = |source| ClusterError::Profile { object: object.sha256, source };
         let profile = Profile::decode(&bytes).map_err(wrong)?;
-        Ok(MapDescription { profile, images: manifest.images as usize, points: manifest.points as usize })
+        Ok(MapDescription {
+            profile,
+            images: manifest.images as usize,
+            points: manifest.points as usize,
+            is_metric: manifest.metric,
+        })
     }
 
     async fn localize(&self, request: RemoteRequest) -> Result<Answer, LocalizeFailure> {

@@ -35,6 +35,9 @@ pub struct Manifest {
     pub images: u64,
     /// Number of points of the whole map.
     pub points: u64,
+    /// Whether map units are metres; not written if that is not known.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub metric: bool,
     /// The profile with which devices seal queries, the same for the whole map and every region. The first half of
     /// its SHA-256 is its id.
     pub profile: ObjectRef,
@@ -86,12 +89,21 @@ impl Manifest {
         map: &str,
         images: u64,
         points: u64,
+        metric: bool,
         profile: ObjectRef,
         index: ObjectRef,
         regions: Vec<RegionEntry>,
     ) -> Result<Self, ManifestError> {
-        let manifest =
-            Self { version: MANIFEST_VERSION, map: map.to_owned(), images, points, profile, index, regions };
+        let manifest = Self {
+            version: MANIFEST_VERSION,
+            map: map.to_owned(),
+            images,
+            points,
+            metric,
+            profile,
+            index,
+            regions,
+        };
         manifest.check().map_err(|reason| ManifestError::Impossible { reason })?;
         Ok(manifest)
     }
@@ -221,6 +233,7 @@ mod tests {
             "kitchen-2",
             30,
             70,
+            false,
             object(b"profile"),
             object(b"index"),
             vec![region(b"one", 25, 20), region(b"two", 15, 10)],
@@ -238,6 +251,12 @@ mod tests {
         assert!(matches!(other, Err(ManifestError::OtherId { found, .. }) if found == manifest.id()));
         let compact = serde_json::to_vec(&manifest).unwrap();
         assert!(matches!(Manifest::decode(&compact), Err(ManifestError::SecondForm)));
+        let mut metric = manifest.clone();
+        metric.metric = true;
+        assert_eq!(Manifest::decode(&metric.encode()).unwrap(), metric);
+        let said =
+            String::from_utf8(bytes).unwrap().replacen("\"profile\"", "\"metric\": false,\n  \"profile\"", 1);
+        assert!(matches!(Manifest::decode(said.as_bytes()), Err(ManifestError::SecondForm)));
         assert_eq!(manifest.byte_count(), 2000 + b"profile".len() as u64 + b"index".len() as u64);
     }
 

@@ -124,6 +124,9 @@ fn folder_has_exactly_the_named_objects() {
     for object in first.objects() {
         verify_file(&open.path_of(&object.sha256), &object).expect("its content");
     }
+    let metric = file(&MapModel { is_metric: true, ..rooms(2, 15) });
+    let other = tempfile::tempdir().expect("a folder");
+    assert!(!first.metric && write(&metric, "rooms", &options(10, 0.3), other.path()).metric);
     // Cut again with other options: only shared objects remain, and foreign files stay.
     fs::write(folder.path().join(OBJECTS_FOLDER).join("notes"), "mine").expect("a file");
     let second = write(&map, "rooms", &options(12, 0.0), folder.path());

@@ -21,7 +21,7 @@ impl Gate {
     pub fn install(files: &Files, options: &mut ServerOptions) -> Arc<Self> {
         let map = MapFile::open(&files.path("place.vmap")).expect("a map");
         let (profile, images, points) = (map.profile().clone(), map.image_count(), map.point_count());
-        let description = Arc::new(MapDescription { profile, images, points });
+        let description = Arc::new(MapDescription { profile, images, points, is_metric: map.is_metric() });
         let gate = Arc::new(Self { map, description, permits: Semaphore::new(0) });
         options.maps.clear();
         options.remote_maps = vec![RemoteMap { name: "place".to_owned(), backend: gate.clone() }];
