@@ -319,9 +319,9 @@ def frames(run: Run) -> list[tuple]:
     for condition in ("none", "half-hidden", "sparse-map"):
         found = run.document("eval", "rig", *run.scene("redkitchen"), "--stress", condition)
         for row in found["schemes"]:
-            scheme, _, images = row["scheme"].partition(" x")
-            rows.append([condition, scheme, images, row["queries"], row["localized"], row["trusted"], cm(row["median_translation"]),
-                         number(row["median_rotation_deg"], ".3f"), percent(row["recall"][RIGHT])])  # fmt: skip
+            # The recipe is "4 frames".
+            rows.append([condition, row["scheme"], row["recipe"].split()[0], row["queries"], row["localized"], row["trusted"],
+                         cm(row["median_translation"]), number(row["median_rotation_deg"], ".3f"), percent(row["recall"][RIGHT])])  # fmt: skip
     return [(["stress", "scheme", "images", "queries", "localized", "trusted", "median error (cm)", "median error (°)",
               "within 25 cm and 2° (%)"], rows)]  # fmt: skip
 
