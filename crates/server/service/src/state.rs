@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use crate::error::ServerError;
 use crate::http::Tls;
-use crate::maps::{LoadedMap, MapReadOptions, Maps};
+use crate::maps::{MapReadOptions, Maps};
 use crate::options::ServerOptions;
 use crate::pool::Pool;
 use crate::problem;
