@@ -56,7 +56,7 @@ fn wrong_focal_length_leads_to_no_wrong_trusted_pose(data: &Path) {
         let over_sd = query.uncertainty.as_ref().and_then(|uncertainty| uncertainty.center_error_over_sd);
         assert!(
             over_sd.is_some_and(|over_sd| over_sd < 5.0),
-            "{}: {over_sd:?}, before 15 and more",
+            "{}: {over_sd:?}, before 13 and more",
             query.name
         );
     }
