@@ -17,7 +17,6 @@ HEAD = """# Commands and flags
 
 The help of every command, as `veiloc COMMAND --help` prints it.
 `scripts/flags_page.py` writes this page; do not edit it.
-The cargo feature `opentelemetry` adds `--otlp URL` to `veiloc serve` and `veiloc worker`.
 """
 
 

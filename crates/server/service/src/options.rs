@@ -143,7 +143,6 @@ pub struct ServerOptions {
     /// Counters of a gateway, to be included in the metrics.
     pub gateway: Option<GatewayCounts>,
     /// Address of the collector for traces (OTLP over HTTP); `/v1/traces` is appended.
-    #[cfg(feature = "opentelemetry")]
     pub otlp: Option<String>,
     /// Time limits.
     pub timeouts: Timeouts,
@@ -191,7 +190,6 @@ impl ServerOptions {
             admin: None,
             log: None,
             gateway: None,
-            #[cfg(feature = "opentelemetry")]
             otlp: None,
             timeouts: Timeouts::default(),
             answer_quantum: ANSWER_QUANTUM,

@@ -13,9 +13,7 @@ use crate::problem;
 use crate::queue::LogThrottle;
 use crate::queue::{ConnectionLimits, Connections};
 use crate::rates::RatePolicy;
-#[cfg(feature = "opentelemetry")]
-use crate::telemetry::Traces;
-use crate::telemetry::{GaugeValues, Metrics, MetricsOptions, RequestIds};
+use crate::telemetry::{GaugeValues, Metrics, MetricsOptions, RequestIds, Traces};
 use crate::tokens::Callers;
 use crate::tokens_file::TokensFile;
 
@@ -25,7 +23,6 @@ pub(crate) struct App {
     pub(crate) maps: Maps,
     pub(crate) pool: Pool,
     pub(crate) metrics: Metrics,
-    #[cfg(feature = "opentelemetry")]
     pub(crate) traces: Option<Traces>,
     /// Source of request ids.
     pub(crate) ids: RequestIds,
@@ -66,18 +63,12 @@ impl App {
         let tls = options.tls.clone().map(Tls::open).transpose()?;
         let pool = Pool::start(options.workers, options.queue, options.clock.clone())
             .map_err(|source| ServerError::System { what: "threads", source })?;
-        #[cfg_attr(
-            not(feature = "opentelemetry"),
-            expect(unused_mut, reason = "traces have a count of their own")
-        )]
         let mut metrics = metrics(&options);
-        #[cfg(feature = "opentelemetry")]
         let traces = start_traces(&options, &mut metrics)?;
         let ids = RequestIds::start().map_err(|source| ServerError::System { what: "randomness", source })?;
         let app = Self {
             metrics,
             ids,
-            #[cfg(feature = "opentelemetry")]
             traces,
             connections: Connections::new(limits(&options)),
             log_throttle: LogThrottle::default(),
@@ -168,14 +159,10 @@ impl App {
     }
 
     /// Waits until the last traces are sent, at most `timeout`.
-    #[cfg_attr(not(feature = "opentelemetry"), expect(clippy::unused_self, reason = "there are no traces"))]
     pub(crate) fn flush_traces(&self, timeout: Duration) {
-        #[cfg(feature = "opentelemetry")]
         if let Some(traces) = &self.traces {
             traces.flush(timeout);
         }
-        #[cfg(not(feature = "opentelemetry"))]
-        let _ = timeout;
     }
 
     /// Counts an answered request during shutdown.
@@ -199,12 +186,8 @@ impl App {
     }
 
     /// Whether traces are sent to a collector.
-    #[cfg_attr(not(feature = "opentelemetry"), expect(clippy::unused_self, reason = "there are no traces"))]
     pub(crate) const fn sends_traces(&self) -> bool {
-        #[cfg(feature = "opentelemetry")]
-        return self.traces.is_some();
-        #[cfg(not(feature = "opentelemetry"))]
-        false
+        self.traces.is_some()
     }
 
     /// Whether the shutdown has begun.
@@ -226,7 +209,6 @@ fn metrics(options: &ServerOptions) -> Metrics {
     })
 }
 
-#[cfg(feature = "opentelemetry")]
 fn start_traces(options: &ServerOptions, metrics: &mut Metrics) -> Result<Option<Traces>, ServerError> {
     let start = |url: &String| Traces::start(url, "veiloc", env!("CARGO_PKG_VERSION"));
     let traces = options.otlp.as_ref().map(start).transpose();

@@ -73,7 +73,6 @@ pub struct WorkerOptions {
     /// Time limit for finishing accepted requests at shutdown. Default 30 s.
     pub finish: Duration,
     /// Where spans are sent for requests of gateways that send traces too. Default: nowhere.
-    #[cfg(feature = "opentelemetry")]
     pub traces: Option<veiloc_service::telemetry::Traces>,
 }
 
@@ -93,7 +92,6 @@ impl WorkerOptions {
             period: Duration::from_millis(500),
             grace: Duration::from_secs(10),
             finish: Duration::from_secs(30),
-            #[cfg(feature = "opentelemetry")]
             traces: None,
         }
     }
@@ -226,11 +224,7 @@ impl Worker {
         let begin = async || {
             // It is announced only when it can be asked.
             let membership = bus.join(&subject).await?;
-            let spans = Spans {
-                member,
-                #[cfg(feature = "opentelemetry")]
-                traces: options.traces.clone(),
-            };
+            let spans = Spans { member, traces: options.traces.clone() };
             let responder = Responder::start(executor.clone(), holdings.clone(), membership, spans);
             let announcer = Announcer {
                 bus: bus.clone(),

@@ -1,4 +1,4 @@
-//! Spans of a worker for the traces of its gateways; without the cargo feature `opentelemetry` nothing is sent.
+//! Spans of a worker for the traces of its gateways.
 
 use std::time::{Duration, Instant, SystemTime};
 
@@ -12,7 +12,6 @@ use crate::message::{ReplyOutcome, Request, Task};
 #[derive(Clone)]
 pub(super) struct Spans {
     pub(super) member: MemberId,
-    #[cfg(feature = "opentelemetry")]
     pub(super) traces: Option<veiloc_service::telemetry::Traces>,
 }
 
@@ -55,22 +54,14 @@ impl Spans {
     }
 
     const fn are_sent(&self) -> bool {
-        #[cfg(feature = "opentelemetry")]
-        return self.traces.is_some();
-        #[cfg(not(feature = "opentelemetry"))]
-        return false;
+        self.traces.is_some()
     }
 
-    #[cfg(feature = "opentelemetry")]
     fn send(&self, span: WorkSpan) {
         if let Some(traces) = &self.traces {
             traces.work(span);
         }
     }
-
-    #[cfg(not(feature = "opentelemetry"))]
-    #[expect(clippy::unused_self, reason = "there are no traces")]
-    fn send(&self, _: WorkSpan) {}
 }
 
 /// The queue, and the work with its parts.

@@ -1,5 +1,4 @@
 //! A trace goes on in the workers: their spans have the trace of the request and the message of the gateway as parent.
-#![cfg(feature = "opentelemetry")]
 
 use super::common;
 

@@ -53,7 +53,6 @@ pub(super) async fn record(State(app): State<Arc<App>>, mut request: Request, ne
     let problem = response.extensions().get::<ProblemKind>().map(|kind| kind.0);
     let kind = RequestKind { route, status, problem };
     app.metrics.request(&kind, took, context.token());
-    #[cfg(feature = "opentelemetry")]
     if let Some(traces) = app.traces.as_ref().filter(|_| !OPEN.contains(&route)) {
         traces.request(&context, method, &kind);
     }

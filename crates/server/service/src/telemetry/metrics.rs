@@ -308,7 +308,6 @@ impl Metrics {
     }
 
     /// Adds the counter of spans that could not be sent.
-    #[cfg(feature = "opentelemetry")]
     pub fn count_spans_of(&mut self, traces: &crate::telemetry::traces::Traces) {
         let registry = self.registry.sub_registry_with_prefix("veiloc");
         registry.register(

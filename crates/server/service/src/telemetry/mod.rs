@@ -5,7 +5,7 @@
 //! - [`Metrics`]: metrics in the text format of Prometheus, those of the process included.
 //! - [`GatewayCounts`], [`WorkerCounts`]: metrics of the machines of a cluster.
 //! - [`LogQueue`]: log lines that never block their caller.
-//! - `Traces`, with the cargo feature `opentelemetry`: spans of each request for a collector. A request to another machine
+//! - [`Traces`]: spans of each request for a collector. A request to another machine
 //!   is an [`OpenCall`], and what that machine does a [`WorkSpan`].
 //!
 //! Nothing here receives any content of a query: labels, fields and names are names that the operator chose, routes,
@@ -29,7 +29,6 @@ mod metrics;
 mod process;
 mod request_context;
 mod request_id;
-#[cfg(feature = "opentelemetry")]
 mod traces;
 
 pub use cluster::{GatewayCounts, WorkerCounts, WorkerGauges};
@@ -37,5 +36,4 @@ pub use log::{LogLine, LogQueue};
 pub use metrics::{ConnectionFault, GaugeValues, LocalizationOutcome, Metrics, MetricsOptions};
 pub use request_context::{OpenCall, RemoteCall, RequestContext, RequestKind, RequestStage, WorkSpan};
 pub use request_id::{RequestId, RequestIds, SpanId};
-#[cfg(feature = "opentelemetry")]
 pub use traces::Traces;

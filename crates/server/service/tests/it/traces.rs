@@ -1,5 +1,4 @@
 //! Traces: one span per request and per stage, with the request id as trace id and no content of a query.
-#![cfg(feature = "opentelemetry")]
 
 use super::common;
 

@@ -187,7 +187,6 @@ pub(crate) struct Args {
     log: LogArgs,
     /// Send traces to the collector at this address, as OTLP over HTTP (`/v1/traces` is appended): for example
     /// http://127.0.0.1:4318. Default: no traces are sent.
-    #[cfg(feature = "opentelemetry")]
     #[arg(long, value_name = "URL")]
     otlp: Option<String>,
     #[command(flatten)]
@@ -373,7 +372,6 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     options.timeouts.unauthenticated_max_age = seconds(args.unauthenticated_max_age);
     options.timeouts.max_age = seconds(args.connection_max_age);
     options.watch = Some(seconds(args.watch));
-    #[cfg(feature = "opentelemetry")]
     options.otlp.clone_from(&args.otlp);
     options.localize = args.matching.options(&args.pose);
     if args.page {

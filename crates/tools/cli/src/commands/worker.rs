@@ -9,11 +9,8 @@ use std::time::Duration;
 use tokio::sync::watch;
 use veiloc_cluster::{ClusterError, Placed, PlacementOptions, RegionShare, Worker, WorkerOptions};
 use veiloc_map::MapMemory;
-#[cfg(feature = "opentelemetry")]
 use veiloc_service::ServerError;
-#[cfg(feature = "opentelemetry")]
-use veiloc_service::telemetry::Traces;
-use veiloc_service::telemetry::WorkerCounts;
+use veiloc_service::telemetry::{Traces, WorkerCounts};
 use veiloc_service::worker_api::{Signals, hide_panic_messages, probes};
 
 use crate::args::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
@@ -97,7 +94,6 @@ pub(crate) struct Args {
     log: LogArgs,
     /// Send spans to the collector at this address, as OTLP over HTTP (`/v1/traces` is appended), for queries whose gateway
     /// sends traces: for example http://127.0.0.1:4318. Default: none.
-    #[cfg(feature = "opentelemetry")]
     #[arg(long, value_name = "URL")]
     otlp: Option<String>,
     #[command(flatten)]
@@ -131,9 +127,7 @@ pub(crate) fn run(first: &clap::ArgMatches, ui: &Ui) -> Outcome {
 
 fn run_worker(args: &Args, logger: &Logger) -> Outcome {
     let source = args.cluster.source()?;
-    #[cfg_attr(not(feature = "opentelemetry"), expect(unused_mut, reason = "traces are set later"))]
     let mut options = options(args);
-    #[cfg(feature = "opentelemetry")]
     if let Some(url) = &args.otlp {
         let traces = Traces::start(url, "veiloc-worker", env!("CARGO_PKG_VERSION"));
         options.traces = Some(traces.map_err(|source| ServerError::Collector { source })?);

@@ -68,7 +68,6 @@ const VALUES: &[(&str, &str, &str)] = &[
     ("page-points", "21", "21"),
     ("log", "\"debug\"", "debug"),
     ("log-json", "true", "1"),
-    #[cfg(feature = "opentelemetry")]
     ("otlp", "\"http://127.0.0.1:4318\"", "http://127.0.0.1:4318"),
     ("score", "\"msac\"", "msac"),
     ("solver", "\"p6lp\"", "p6lp"),
