@@ -40,7 +40,7 @@ shift || true
 for target in "$@"; do
     log="$corpus/$target.log"
     findings=0
-    cargo +nightly fuzz run "$target" "$corpus/$target" -- -max_total_time="$seconds" -rss_limit_mb=1024 \
+    cargo +nightly fuzz run --features fuzzer "$target" "$corpus/$target" -- -max_total_time="$seconds" -rss_limit_mb=1024 \
         -malloc_limit_mb=256 -timeout=10 -print_final_stats=1 > "$log" 2>&1 || findings=1
     if [ "$findings" = 1 ]; then tail -40 "$log" | cut -c1-300 >&2; fi
     executions="$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")"
