@@ -103,18 +103,21 @@ class Place:
 
     def __init__(self, veiloc, work, libraries, frames):
         self.work, self.libraries = work, libraries
-        demo = work / "place"
-        if not (demo / "place.vmap").exists():
-            shutil.rmtree(demo, ignore_errors=True)
-            run(veiloc, "demo", "--out", demo, "--seed", 3, "--quiet")
+        place, self.map = work / "place", work / "place.vmap"
+        if not self.map.exists():
+            shutil.rmtree(place, ignore_errors=True)
+            run(veiloc, "synth", "city", "--rooms", 1, "--map-views", 24, "--query-views", 12, "--width", 640, "--seed", 3, "--quiet",
+                "--out", place)
+            run(veiloc, "map", "build", "--posed", place / "posed", "--images", place / "images", "--list", place / "map.txt", "--quiet",
+                "-o", self.map)
         self.profile = work / "place.profile"
-        run(veiloc, "map", "profile", demo / "place.vmap", "--out", self.profile, "--quiet")
-        camera = (demo / "posed/cameras.txt").read_text().splitlines()[-1].split()
+        run(veiloc, "map", "profile", self.map, "--out", self.profile, "--quiet")
+        camera = (place / "posed/cameras.txt").read_text().splitlines()[-1].split()
         self.model, self.size_and_params = camera[1], ",".join(camera[2:])
-        queries = sorted((demo / "images").glob("query-*.png"))
-        self.reference("rendered", ",".join(camera[1:]), queries)
-        poses = poses_of(demo / "posed/images.txt")
-        worlds = [in_world(poses[query.name]) for query in queries]
+        queries = (place / "query.txt").read_text().split()
+        self.reference("rendered", ",".join(camera[1:]), [place / "images" / query for query in queries])
+        poses = poses_of(place / "posed/images.txt")
+        worlds = [in_world(poses[query]) for query in queries]
         self.centres = [centre for _, centre in worlds]
         self.poses = work / "poses.txt"
         self.poses.write_text("".join(" ".join(f"{c:.12f}" for c in pose) + "\n" for pose, _ in worlds))
@@ -130,7 +133,7 @@ class Place:
         else:
             print("VEILOC_DATA is not set: no real frames")
         log = open(work / "serve.log", "w+")
-        self.service = subprocess.Popen([veiloc, "serve", "--map", f"place={demo / 'place.vmap'}", "--listen", "127.0.0.1:0",
+        self.service = subprocess.Popen([veiloc, "serve", "--map", f"place={self.map}", "--listen", "127.0.0.1:0",
                                          "--rate", "1000", "--burst", "1000"], stdout=log, stderr=log)
         for _ in range(600):
             found = re.search(r"serving place on http://127\.0\.0\.1:(\d+)", (work / "serve.log").read_text())

@@ -100,7 +100,8 @@ fn region_with_all_retrieved_images_gives_equal_pose(data: &Path) {
     options.retrieve = 4;
     let (mut same, mut total) = (0, 0);
     for scheme in [Scheme::Points, Scheme::default()] {
-        for name in &queries {
+        // Every third query: many of the test's seconds are localizations in regions.
+        for name in queries.iter().step_by(3) {
             let camera = posed.get(name).expect("posed").camera;
             let sealing = match scheme {
                 Scheme::Points => SealOptions::unprotected_points(),
@@ -133,7 +134,7 @@ fn region_with_all_retrieved_images_gives_equal_pose(data: &Path) {
         }
     }
     println!("{same} of {total} answers of regions are of all that the whole map retrieves, and equal");
-    assert!(same >= 20, "{same} of {total}");
+    assert!(same >= 7, "{same} of {total}");
 }
 
 /// A pose, bit by bit, and the other fields of an answer.
