@@ -1,4 +1,4 @@
-//! Edits the text of a token file. All other lines stay unchanged, comments included.
+//! Edits the text of a token file. All other lines stay unchanged, comments included; a byte order mark is removed.
 
 use crate::auth::entry::TokenEntry;
 use crate::auth::error::TokensError;
@@ -62,6 +62,8 @@ pub fn revoked(text: &str, name: &str) -> Result<Revocation, TokensError> {
 
 /// The text without the matching lines, and their number.
 fn without(text: &str, matches: impl Fn(&Line) -> bool) -> (String, usize) {
+    // Otherwise the first line would not be recognized, although the service accepts it.
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut removed = 0;
     let mut rest = String::with_capacity(text.len());
     for line in text.split_inclusive('\n') {
@@ -101,6 +103,14 @@ mod tests {
         let back = added(&none.text, &entry("b")).expect("added");
         assert_eq!(back, one.text, "the line `nobody` is removed");
         assert_eq!(added("", &entry("a")).expect("the first"), format!("{a}\n"));
+    }
+
+    #[test]
+    fn first_line_after_a_byte_order_mark_is_edited() {
+        let text = format!("\u{feff}{}\r\n{}\r\n", entry("a"), entry("b"));
+        let one = revoked(&text, "a").expect("revoked");
+        assert_eq!((one.text, one.lines), (format!("{}\r\n", entry("b")), 1));
+        assert_eq!(added("\u{feff}nobody\r\n", &entry("a")).expect("added"), format!("{}\n", entry("a")));
     }
 
     #[test]
