@@ -1,6 +1,6 @@
 //! Properties of the decoders for arbitrary bytes: an error, or a usable value that encodes to the same bytes.
 //!
-//! The same properties run on a few hundred mutated inputs in every `cargo test`:
+//! The same properties run on mutated inputs in every `cargo test`: `fuzz/tests/seeds.rs`,
 //! `crates/core/protocol/tests/it/hostile.rs`, `crates/core/protocol/tests/it/answer.rs`,
 //! `crates/server/map/src/file/tests.rs`, `crates/server/map/tests/it/any_bytes.rs`,
 //! `crates/server/service/tests/it/auth/any_bytes.rs`, `crates/tools/cli/tests/it/args/any_bytes.rs`,

@@ -100,7 +100,7 @@ fn region_with_all_retrieved_images_gives_equal_pose(data: &Path) {
     options.retrieve = 4;
     let (mut same, mut total) = (0, 0);
     for scheme in [Scheme::Points, Scheme::default()] {
-        // Every third query: many of the test's seconds are localizations in regions.
+        // Every third query, to save time.
         for name in queries.iter().step_by(3) {
             let camera = posed.get(name).expect("posed").camera;
             let sealing = match scheme {
