@@ -1,4 +1,6 @@
 //! An answer from a service, as the device receives it.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| veiloc_fuzz::answer(bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    veiloc_fuzz::answer(bytes);
+});

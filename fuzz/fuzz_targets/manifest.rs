@@ -1,4 +1,6 @@
 //! A manifest of regions from an untrusted store.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| veiloc_fuzz::manifest(bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    veiloc_fuzz::manifest(bytes);
+});

@@ -1,4 +1,6 @@
 //! A profile from an operator, as the device receives it.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| veiloc_fuzz::profile(bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    veiloc_fuzz::profile(bytes);
+});

@@ -1,4 +1,6 @@
 //! A sealed query from any client, as the service receives it.
 #![no_main]
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| veiloc_fuzz::sealed_query(bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    veiloc_fuzz::sealed_query(bytes);
+});

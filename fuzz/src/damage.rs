@@ -1,5 +1,8 @@
 //! Mutated copies of valid inputs, the same in every run.
 
+use std::fs;
+use std::path::{Path, PathBuf};
+
 /// A deterministic random generator (splitmix64).
 pub struct SplitMix64(pub u64);
 
@@ -41,24 +44,35 @@ impl SplitMix64 {
     }
 }
 
-/// Checks `property` on the files of a folder, which all have the given extension, and on `count` mutated copies of
-/// them (the environment variable `VEILOC_DAMAGED` sets another count).
+/// The files in a folder whose names have this ending, in order.
 ///
 /// # Panics
-/// When the folder has no file or a file with another extension, and when the property panics.
-pub fn check_files(folder: &std::path::Path, extension: &str, count: usize, property: impl Fn(&[u8])) {
-    let mut paths: Vec<_> =
-        std::fs::read_dir(folder).expect("seeds").map(|entry| entry.expect("an entry").path()).collect();
+/// When there is none.
+pub fn files(folder: &Path, ending: &str) -> Vec<Vec<u8>> {
+    let mut paths: Vec<PathBuf> =
+        fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path()).collect();
+    paths.retain(|path| path.to_str().is_some_and(|path| path.ends_with(ending)));
     paths.sort();
-    let seeds: Vec<Vec<u8>> = paths.iter().map(|path| std::fs::read(path).expect("a seed")).collect();
-    assert!(!seeds.is_empty() && paths.iter().all(|path| path.extension().is_some_and(|e| e == extension)));
+    assert!(!paths.is_empty(), "no file *{ending} in {}", folder.display());
+    paths.iter().map(|path| fs::read(path).expect("a file")).collect()
+}
+
+/// Checks a property on seeds and on `count` mutated copies of them (the environment variable `VEILOC_DAMAGED` sets
+/// another count). The property panics when it does not hold, and says whether the input was accepted.
+///
+/// # Panics
+/// When the property panics, a seed is refused, or all mutated copies are accepted or all refused: then it tests
+/// nothing.
+pub fn check(seeds: &[Vec<u8>], count: usize, property: impl Fn(&[u8]) -> bool) {
+    for (index, seed) in seeds.iter().enumerate() {
+        assert!(property(seed), "seed {index} is refused");
+    }
     let count = std::env::var("VEILOC_DAMAGED").ok().and_then(|n| n.parse().ok()).unwrap_or(count);
     let mut numbers = SplitMix64(1);
-    for seed in &seeds {
-        property(seed);
-    }
+    let mut accepted = 0;
     for _ in 0..count {
         let (one, other) = (numbers.below(seeds.len()), numbers.below(seeds.len()));
-        property(&numbers.mutated(&seeds[one], &seeds[other]));
+        accepted += usize::from(property(&numbers.mutated(&seeds[one], &seeds[other])));
     }
+    assert!(0 < accepted && accepted < count, "{accepted} of {count} mutated copies are accepted");
 }

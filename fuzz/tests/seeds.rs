@@ -4,11 +4,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use veiloc_fuzz::damage::SplitMix64;
-use veiloc_map::regions::{Manifest, RegionIndex};
-use veiloc_map::{MapFile, MapMemory};
-use veiloc_protocol::{Answer, Profile, SealedQuery};
-use veiloc_service::auth::TokenList;
+use veiloc_fuzz::damage;
 
 /// Mutated inputs for each target, of which those that write files have fewer.
 const MUTATIONS: usize = 3000;
@@ -18,81 +14,35 @@ fn folder(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(name)
 }
 
-/// The files in a folder of the repository whose names have this ending.
-fn files(name: &str, ending: &str) -> Vec<Vec<u8>> {
-    let mut paths: Vec<PathBuf> =
-        fs::read_dir(folder(name)).expect("a folder").map(|entry| entry.expect("an entry").path()).collect();
-    paths.retain(|path| path.to_str().is_some_and(|path| path.ends_with(ending)));
-    paths.sort();
-    let read: Vec<Vec<u8>> = paths.iter().map(|path| fs::read(path).expect("a file")).collect();
-    assert!(!read.is_empty(), "no seed *{ending} in {name}");
-    read
-}
-
-/// Runs a target on its seeds, which it must accept, then on findings, then on mutated seeds.
-fn run(
-    target: &str,
-    mutations: usize,
-    seeds: &[Vec<u8>],
-    is_accepted: impl Fn(&[u8]) -> bool,
-    property: impl Fn(&[u8]),
-) {
-    for (index, seed) in seeds.iter().enumerate() {
-        assert!(is_accepted(seed), "{target}: seed {index} is refused, so it tests nothing");
-        property(seed);
-    }
+/// Checks a target on its seeds, mutated seeds and earlier findings.
+fn check(target: &str, mutations: usize, seeds: &[Vec<u8>], property: impl Fn(&[u8]) -> bool) {
+    damage::check(seeds, mutations, &property);
     let found = folder("fuzz/regressions").join(target);
     if found.is_dir() {
-        for bytes in files(&format!("fuzz/regressions/{target}"), "") {
+        for bytes in damage::files(&found, "") {
             property(&bytes);
         }
     }
-    let mut numbers = SplitMix64(1);
-    for _ in 0..mutations {
-        let (one, other) = (numbers.below(seeds.len()), numbers.below(seeds.len()));
-        property(&numbers.mutated(&seeds[one], &seeds[other]));
-    }
 }
 
-#[test]
-fn sealed_query() {
-    let seeds = files("crates/core/protocol/tests/data", ".vquery");
-    run(
-        "sealed_query",
-        MUTATIONS,
-        &seeds,
-        |bytes| SealedQuery::decode(bytes).is_ok(),
-        veiloc_fuzz::sealed_query,
-    );
-}
-
-#[test]
-fn profile() {
-    let seeds = files("crates/core/protocol/tests/data", ".profile");
-    run("profile", MUTATIONS, &seeds, |bytes| Profile::decode(bytes).is_ok(), veiloc_fuzz::profile);
-}
-
-#[test]
-fn answer() {
-    let seeds = files("crates/core/protocol/tests/data", ".answer");
-    run("answer", MUTATIONS, &seeds, |bytes| Answer::decode(bytes).is_ok(), veiloc_fuzz::answer);
-}
-
-#[test]
-fn map_file() {
-    let opens = |bytes: &[u8]| {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("m.vmap");
-        fs::write(&path, bytes).expect("room");
-        MapFile::open(&path).is_ok()
+macro_rules! targets {
+    ($($target:ident: $mutations:ident of $ending:literal in $folder:literal),* $(,)?) => {
+        $(#[test]
+        fn $target() {
+            let seeds = damage::files(&folder($folder), $ending);
+            check(stringify!($target), $mutations, &seeds, veiloc_fuzz::$target);
+        })*
     };
-    run(
-        "map_file",
-        MUTATED_FILES,
-        &files("crates/server/map/tests/data", ".bin"),
-        opens,
-        veiloc_fuzz::map_file,
-    );
+}
+
+targets! {
+    sealed_query: MUTATIONS of ".vquery" in "crates/core/protocol/tests/data",
+    profile: MUTATIONS of ".profile" in "crates/core/protocol/tests/data",
+    answer: MUTATIONS of ".answer" in "crates/core/protocol/tests/data",
+    tokens: MUTATIONS of ".tokens" in "crates/server/service/tests/data/auth",
+    manifest: MUTATIONS of ".json" in "crates/server/map/tests/data/regions/manifest",
+    index: MUTATED_FILES of ".index" in "crates/server/map/tests/data/regions/index",
+    map_file: MUTATED_FILES of ".bin" in "crates/server/map/tests/data",
 }
 
 /// The files of a COLMAP model as one seed: a byte that selects text or binary, then the three files.
@@ -110,50 +60,6 @@ fn colmap() {
         }
     }
     assert!(seeds.len() >= 2, "a text and a binary model");
-    let is_model = |bytes: &[u8]| {
-        let folder = tempfile::tempdir().expect("a folder");
-        let extension = if bytes[0] & 1 == 0 { "txt" } else { "bin" };
-        let text = bytes[1..].to_vec();
-        let mut parts = Vec::new();
-        let mut rest = text.as_slice();
-        while let Some(end) = rest.windows(6).position(|w| w == b"\n====\n") {
-            parts.push(&rest[..end]);
-            rest = &rest[end + 6..];
-        }
-        parts.push(rest);
-        for (name, part) in ["cameras", "images", "points3D"].iter().zip(parts) {
-            fs::write(folder.path().join(format!("{name}.{extension}")), part).expect("room");
-        }
-        veiloc_map::colmap::read_model(folder.path()).is_ok()
-    };
-    run("colmap", MUTATED_FILES, &seeds, is_model, veiloc_fuzz::colmap);
-}
-
-#[test]
-fn tokens() {
-    let seeds = files("crates/server/service/tests/data/auth", ".tokens");
-    run("tokens", MUTATIONS, &seeds, |bytes| TokenList::parse(bytes).is_ok(), veiloc_fuzz::tokens);
-}
-
-#[test]
-fn manifest() {
-    let seeds = files("crates/server/map/tests/data/regions/manifest", ".json");
-    run("manifest", MUTATIONS, &seeds, |bytes| Manifest::decode(bytes).is_ok(), veiloc_fuzz::manifest);
-}
-
-#[test]
-fn index() {
-    let opens = |bytes: &[u8]| {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("index");
-        fs::write(&path, bytes).expect("room");
-        RegionIndex::open(&path, MapMemory::Copied).is_ok()
-    };
-    run(
-        "index",
-        MUTATED_FILES,
-        &files("crates/server/map/tests/data/regions/index", ".index"),
-        opens,
-        veiloc_fuzz::index,
-    );
+    seeds.sort();
+    check("colmap", MUTATED_FILES, &seeds, veiloc_fuzz::colmap);
 }

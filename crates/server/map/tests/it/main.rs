@@ -1,4 +1,4 @@
 //! Tests of `veiloc-map` from outside, one executable: linking is what costs.
 
-mod any_bytes;
-mod regions;
+mod cutting;
+mod known_answers;

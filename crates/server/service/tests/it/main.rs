@@ -1,7 +1,6 @@
 //! Tests of `veiloc-service` from outside, one executable: linking is what costs.
 
 mod answers;
-mod auth;
 mod common;
 mod cors;
 mod echo;

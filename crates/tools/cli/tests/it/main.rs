@@ -1,7 +1,6 @@
 //! Tests of `veiloc-cli` from outside, one executable: linking is what costs.
 
 mod aligned_maps;
-mod args;
 mod attack;
 mod audit;
 mod bad_input;
@@ -10,6 +9,7 @@ mod cameras;
 mod city;
 mod common;
 mod compress;
+mod damaged_settings;
 mod detector;
 mod documents;
 mod eval_adversaries;

@@ -1,7 +1,7 @@
 //! A damaged settings file is either refused, or read and printed consistently.
 #![allow(missing_docs, unreachable_pub, dead_code, reason = "shared with fuzz/")]
 
-#[path = "../../../../../../fuzz/src/damage.rs"]
+#[path = "../../../../../fuzz/src/damage.rs"]
 mod damage;
 
 use std::path::Path;
@@ -10,10 +10,10 @@ use clap::{Arg, ArgAction, Command, value_parser};
 use veiloc_cli::args::settings::{Settings, layered};
 
 /// A settings file for a command with every kind of option: if it is accepted, its printed form gives the same
-/// settings.
-fn settings(bytes: &[u8]) {
-    let Ok(text) = std::str::from_utf8(bytes) else { return };
-    let Some(settings) = merge(text) else { return };
+/// settings. Whether it is accepted.
+fn settings(bytes: &[u8]) -> bool {
+    let Ok(text) = std::str::from_utf8(bytes) else { return false };
+    let Some(settings) = merge(text) else { return false };
     let printed = settings.to_toml().expect("accepted settings are text");
     let again = merge(&printed).expect("printed settings can be read");
     let again = again.to_toml().expect("accepted settings are text");
@@ -21,6 +21,7 @@ fn settings(bytes: &[u8]) {
     // No accepted value may look like another option on the command line.
     let line = std::iter::once("serve".into()).chain(settings.arguments());
     options().try_get_matches_from(line).expect("accepted settings give a valid command line");
+    true
 }
 
 fn merge(text: &str) -> Option<Settings> {
@@ -57,5 +58,5 @@ fn options() -> Command {
 #[test]
 fn damaged_settings_are_refused_or_round_trip() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/args");
-    damage::check_files(&folder, "toml", 1000, settings);
+    damage::check(&damage::files(&folder, "toml"), 1000, settings);
 }

@@ -1,4 +1,0 @@
-//! Tests of `regions`.
-
-mod any_bytes;
-mod cutting;

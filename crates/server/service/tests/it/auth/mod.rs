@@ -1,3 +1,0 @@
-//! Tests of `auth`.
-
-mod any_bytes;

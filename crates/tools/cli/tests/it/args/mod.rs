@@ -1,3 +1,0 @@
-//! Tests of `args`.
-
-mod any_bytes;
