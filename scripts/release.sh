@@ -14,7 +14,7 @@
 #   npm        installed into a new vite project, which localizes an image in Chromium
 #   c          the C++ program of docs/guide/phone.md, built by CMake in an empty folder; its query is answered by the service
 #   phone      the generated Kotlin and Swift have the functions of the C library's header
-#   crates     `cargo package` builds each of them from its package alone
+#   crates     those that are published: `cargo package` builds each of them from its package alone
 #   helm       `helm lint --strict` and `helm template` of the packed chart
 #   container  --version and the health check
 set -euo pipefail
@@ -148,9 +148,14 @@ phone() {
 }
 
 crates() {
-    cargo package --workspace --locked --allow-dirty --quiet
-    mkdir -p "$out/crates"
-    cp "$CARGO_TARGET_DIR"/package/*-"$version".crate "$out/crates"
+    local name names
+    names="$(cargo metadata --no-deps --format-version 1 | python3 -c '
+import json, sys
+print(*(package["name"] for package in json.load(sys.stdin)["packages"] if package["publish"] is None))')"
+    # shellcheck disable=SC2046,SC2086
+    cargo package $(printf -- '--package %s ' $names) --locked --allow-dirty --quiet
+    rm -rf "$out/crates" && mkdir -p "$out/crates"
+    for name in $names; do cp "$CARGO_TARGET_DIR/package/$name-$version.crate" "$out/crates"; done
 }
 
 helm_chart() {
