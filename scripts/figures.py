@@ -343,8 +343,9 @@ script("$P scripts/places.py --veiloc $V --data $D --csv $O/places/places.csv --
 script("$P scripts/places.py --veiloc $V --data $D --csv $O/places/before.csv", "places/before.csv", by_hand=OLD)
 script("$P scripts/places.py --veiloc $V --data $D --places llff-room,fountain,entry,hololens-office --schemes points,dcl --features "
        "alike-t-compact --csv $O/places/alike.csv", "places/alike.csv")  # fmt: skip
-script("$P scripts/peers.py --veiloc $V --data $D --work $W/peers", "places/pycolmap.csv", by_hand="rows of PoseLib in peers/peers.csv")
 script("$P scripts/peers.py --veiloc $V --data $D --work $W/peers --times --csv $O/peers/peers.csv", "peers/peers.csv")
+script("$P scripts/peers.py --veiloc $V --data $D --work $W/peers --places hololens-office,llff-room,fountain,entry,redkitchen,herzjesu --times "
+       "--learned alike --csv $O/peers/learned.csv", "peers/learned.csv", by_hand=NETWORKS)  # fmt: skip
 script("$P scripts/trust_places.py --veiloc $V --data $D --work $W/maps --stress dark,motion,half-hidden,low-resolution,few-keypoints "
        "--stress-csv $O/trust/places-stress.csv", "trust/places-stress.csv")  # fmt: skip
 script("$P scripts/trust_places.py --veiloc $V --data $D --work $W/maps --every 8 --negatives-csv $O/trust/places-negatives.csv",

@@ -6,12 +6,12 @@
 
 The steps of hloc with COLMAP's parts, for each place: SIFT of pycolmap, triangulation with the given poses from the map images, ten
 images by VLAD, mutual nearest neighbours without ratio test, and the pose by pycolmap, by PoseLib (LO-RANSAC of P3P), and by OpenCV
-(`solvePnPRansac` with SQPnP). With `--learned`, the same steps with the features of a network, as hloc does them, and the pose by
-PoseLib; `veiloc features` extracts these, with the files in VEILOC_MODELS. COLMAP's own localization: the queries are matched with the same ten images, with its ratio test and
+(`solvePnPRansac` with SQPnP). COLMAP's own localization: the queries are matched with the same ten images, with its ratio test and
 two-view geometry, and each is registered in the model alone. veiloc: `eval scene` under each scheme. All with the same number of
-keypoints at most. A query without a pose counts as infinite error.
+keypoints at most. With `--learned`, in place of all these: hloc's steps with the features of networks, as hloc does them, and the pose
+by PoseLib; `veiloc features` extracts them, with the files in VEILOC_MODELS. A query without a pose counts as infinite error.
 
-Bytes: images as JPEG of quality 90; keypoints with descriptors as two 16-bit coordinates and 128 bytes each; queries of veiloc as sent.
+Bytes: images as JPEG of quality 90; keypoints with descriptors as two 16-bit coordinates and 128 bytes each; queries of veiloc as sent;
 descriptors of networks as two bytes a number. Times, with `--times`, are medians of a query on this machine: features (one image after another), match (retrieval and matching), pose.
 --work keeps COLMAP's models of the map images, which take most of the time; `--maps-only` makes these alone, so that the queries can be
 timed on a machine that does nothing else.
@@ -444,7 +444,7 @@ def main():
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--veiloc", default="veiloc")
     parser.add_argument("--places", default=",".join(PLACES))
-    parser.add_argument("--learned", default="", help=f"features of networks too, of {', '.join(NETWORKS)}")
+    parser.add_argument("--learned", default="", help=f"these networks in place of the other programs: {', '.join(NETWORKS)}")
     parser.add_argument("--csv", type=Path)
     parser.add_argument("--work", type=Path, required=True)
     parser.add_argument("--maps-only", action="store_true")
@@ -455,11 +455,13 @@ def main():
     for place in args.places.split(","):
         place = Place(args.data / place, args.work / place)
         with tempfile.TemporaryDirectory() as work:
-            rows += of_colmap(place, Path(work), args.maps_only)
-            for kind in filter(None, args.learned.split(",")):
-                rows += of_learned(kind, args.veiloc, place, Path(work), args.maps_only)
-            if not args.maps_only:
-                rows += of_veiloc(args.veiloc, place, Path(work))
+            if args.learned:
+                for kind in args.learned.split(","):
+                    rows += of_learned(kind, args.veiloc, place, Path(work), args.maps_only)
+            else:
+                rows += of_colmap(place, Path(work), args.maps_only)
+                if not args.maps_only:
+                    rows += of_veiloc(args.veiloc, place, Path(work))
         # After each place, so that an interrupted run shows what it has.
         if rows:
             end = None if args.times else -len(TIMES)
