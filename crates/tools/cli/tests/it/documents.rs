@@ -207,9 +207,11 @@ fn into_a_full_device(scene: &TestScene, command: &str) -> (Option<i32>, String)
 #[test]
 fn unwritable_results_exit_with_3() {
     let scene = ready();
+    // Evaluations take long, and all write their documents by one function: only what they print for people.
     let with_and_without = COMMANDS.iter().flat_map(|(_, command)| {
         let json = words(command);
-        [json.replace(" --json", ""), json]
+        let is_long = command.starts_with("eval") && !command.starts_with("eval compare");
+        [Some(json.replace(" --json", "")), (!is_long).then_some(json)].into_iter().flatten()
     });
     let more = [
         "--help".to_owned(),
