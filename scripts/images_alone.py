@@ -123,15 +123,16 @@ def errors(veiloc, map_file, queries, images, truth, moved):
 
 
 def summary(found):
-    """The columns of hold-outs, from `errors`."""
+    """The columns of hold-outs, from `errors`; no median if fewer than half are localized."""
+    median = lambda column, form: format(value, form) if np.isfinite(value := np.median(found[:, column])) else ""
     return {
         "queries": len(found),
         "localized": int(np.isfinite(found[:, 0]).sum()),
         "trusted": int(found[:, 2].sum()),
         "within 5 cm and 5° (%)": f"{100 * ((found[:, 0] < 0.05) & (found[:, 1] < 5)).mean():.0f}",
         "within 25 cm and 2° (%)": f"{100 * ((found[:, 0] < 0.25) & (found[:, 1] < 2)).mean():.0f}",
-        "median error (map units)": f"{np.median(found[:, 0]):.4f}",
-        "median error (°)": f"{np.median(found[:, 1]):.3f}",
+        "median error (map units)": median(0, ".4f"),
+        "median error (°)": median(1, ".3f"),
     }
 
 

@@ -11,8 +11,9 @@ two-view geometry, and each is registered in the model alone. veiloc: `eval scen
 keypoints at most. With `--learned`, in place of all these: hloc's steps with the features of networks, as hloc does them, and the pose
 by PoseLib; `veiloc features` extracts them, with the files in VEILOC_MODELS. A query without a pose counts as infinite error.
 
-Bytes: images as JPEG of quality 90; keypoints with descriptors as two 16-bit coordinates and 128 bytes each; queries of veiloc as sent;
-descriptors of networks as two bytes a number. Times, with `--times`, are medians of a query on this machine: features (one image after another), match (retrieval and matching), pose.
+Bytes: images as JPEG of quality 90; keypoints with descriptors as two 16-bit coordinates and 128 bytes each, with descriptors of
+networks as two bytes a number; queries of veiloc as sent. Times, with `--times`, are medians of a query on this machine: features (one
+image after another), match (retrieval and matching), pose.
 --work keeps COLMAP's models of the map images, which take most of the time; `--maps-only` makes these alone, so that the queries can be
 timed on a machine that does nothing else.
 """
