@@ -4,11 +4,12 @@
     python -m venv venv && venv/bin/pip install numpy
     venv/bin/python scripts/map_merges.py VEILOC DATA WORK OUT.csv [PLACE…]
 
-DATA/PLACE as for scripts/images_alone.py. The map images are cut into the first and the second half of the walk (by name). The poses of the
-second half are transformed by a random similarity (scale 0.2 to 5, any rotation), a map is made of each half, and the second is
-merged into the first. The errors are those of the similarity that the command prints, against the inverse of the true one: its
-scale, its rotation, and the RMS distance of the second half's camera centres from their true place. The hold-outs are localized in
-the first half, in the merged map, and in a map of all images with the given poses.
+DATA/PLACE as for scripts/images_alone.py. The map images are cut into the first and the second half of the walk (by name). The poses
+of the second half are transformed by a random similarity (scale 0.2 to 5, any rotation), a map is made of each half, and the second
+is merged into the first, with `--keep-loose`; *refused*: without that option nothing is written. The errors are those of the
+similarity that the command prints, against the inverse of the true one: its scale, its rotation, and the RMS distance of the second
+half's camera centres from their true place. The hold-outs are localized in the first half, in the merged map, and in a map of all
+images with the given poses.
 """
 
 import json
@@ -72,14 +73,16 @@ def main():
             write_posed(kept / "second", truth, halves[1], (scale, turn, shift))
             run(build + ["--posed", kept / "second", "-o", second])
             merged = kept / "merged.vmap"
-            document = json.loads(run([veiloc, "map", "merge", first, second, "-o", merged, "--json"])[0])
+            document = json.loads(run([veiloc, "map", "merge", first, second, "-o", merged, "--keep-loose", "--json"])[0])
             found = document["alignment"]
             s, r, t = found["scale"], np.array(found["rotation"]), np.array(found["translation"])
             true = np.array([center(*truth[name][1:]) for name in halves[1]])
             there = scale * true @ turn.T + shift
             apart = np.linalg.norm(s * there @ r.T + t - true, axis=1)
             angle = np.degrees(np.arccos(np.clip((np.trace(r @ turn) - 1) / 2, -1, 1)))
-            values = [found["localized"], f"{100 * (s * scale - 1):.3f}", f"{angle:.4f}", f"{np.sqrt((apart**2).mean()):.4f}"]
+            loose = any(warning["name"] == "loose-merge" for warning in document["warnings"])
+            off = [f"{100 * (s * scale - 1):.3f}", f"{angle:.4f}", f"{np.sqrt((apart**2).mean()):.4f}"]
+            values = [found["localized"], "yes" if loose else "no", *off]
             rows.append(
                 {
                     "place": place,
@@ -93,7 +96,7 @@ def main():
             write_rows(out, rows)
 
 
-MERGED = ["images that agree", "error of scale (%)", "error of rotation (°)", "centres of the second half, RMS (map units)"]
+MERGED = ["images that agree", "refused", "error of scale (%)", "error of rotation (°)", "centres of the second half, RMS (map units)"]
 
 if __name__ == "__main__":
     main()

@@ -4,13 +4,14 @@ use veiloc_map::{MapModel, PosedImage};
 
 use crate::build::append_images;
 use crate::cache::ExtractedFeatures;
+use crate::calibration::run::scale;
 use crate::change::join;
 use crate::compress::refuse_compressed;
 use crate::diagnose::explain;
 use crate::error::MappingError;
 use crate::frames::{MAX_TESTED, OtherFrame, common_frame};
 use crate::progress::Progress;
-use crate::report::BuildReport;
+use crate::report::{BuildReport, MapWarning};
 
 /// Result of a merge.
 #[derive(Debug)]
@@ -79,5 +80,6 @@ pub fn merge(
     let edges = join(model, before, None, progress);
     let mut build = BuildReport::of(model, posed.len(), Vec::new(), edges.matches, edges.verified.len());
     explain(&mut build, model);
+    build.warnings.extend(MapWarning::of_merge(frame.localized, closure, scale(model)));
     Ok(MergeReport { build, frame, inverse, closure })
 }

@@ -96,6 +96,14 @@ pub enum MapWarning {
         /// Number of compared images.
         of: usize,
     },
+    /// Two merged maps fit loosely: their images do not confirm the transform between them.
+    LooseMerge {
+        /// Images of the one map that are localized in the other and agree on the transform.
+        localized: usize,
+        /// Distance between what the two directions make of camera centres, per cent of the distance to the scene; `None`
+        /// if too few images are localized in the other direction.
+        apart_percent: Option<u32>,
+    },
     /// Matches would agree with the poses much better if the input had this mistake.
     LikelyCause {
         /// The mistake.
@@ -197,6 +205,14 @@ impl MapWarning {
         unknown.into_iter().chain(disagree).collect()
     }
 
+    /// Returns the warning for two merged maps, by the distance there and back and the distance to the scene.
+    pub(crate) fn of_merge(localized: usize, closure: Option<f64>, scale: f64) -> Option<Self> {
+        let apart = closure.map(|closure| closure / scale);
+        let is_tight = apart.is_some_and(|apart| apart <= MAX_APART);
+        let percent = |apart: f64| (100.0 * apart).round() as u32;
+        (!is_tight).then(|| Self::LooseMerge { localized, apart_percent: apart.map(percent) })
+    }
+
     /// Returns whether so few matches agree with the poses that a diagnosis is useful.
     pub(crate) fn needs_diagnosis(matches: usize, verified: usize) -> bool {
         (verified as f64) < DIAGNOSE_BELOW * matches as f64
@@ -217,6 +233,7 @@ impl MapWarning {
             Self::PlacesLookAlike { .. } => "places-look-alike",
             Self::FrameUnknown { .. } => "frame-unknown",
             Self::PosesDisagree { .. } => "poses-disagree",
+            Self::LooseMerge { .. } => "loose-merge",
             Self::LikelyCause { fault, .. } => match fault {
                 InputMistake::CameraToWorld => "poses-camera-to-world",
                 InputMistake::AxesUpAndBack => "axes-up-and-back",
@@ -268,6 +285,20 @@ impl fmt::Display for MapWarning {
                      with other poses, without a common transform or only a little away); queries near them may be wrong"
                 );
             }
+            Self::LooseMerge { localized, apart_percent } => {
+                write!(f, "the two maps fit loosely: {localized} images agree on the transform, ")?;
+                match apart_percent {
+                    Some(percent) => write!(
+                        f,
+                        "and in the other direction it differs by {percent} % of the distance to the scene"
+                    )?,
+                    None => f.write_str("and too few are localized in the other direction to confirm it")?,
+                }
+                return f.write_str(
+                    "; the ± of poses does not include this error. Add images of the common part to one of them, \
+                     and merge again",
+                );
+            }
             Self::LikelyCause { fault, agree_percent, would_percent } => {
                 return write!(
                     f,
@@ -301,5 +332,26 @@ const MIN_MATCHES: usize = 100;
 /// Share of matches that agree with the poses, below which the poses are questioned: 88 % in a part of RedKitchen, 12 %
 /// with its focal length doubled.
 const MIN_AGREEING: f64 = 0.25;
+/// Distance there and back of two maps that fit, relative to the distance to the scene: 0.5 % and less in merged halves of
+/// RedKitchen and Herz-Jesu, which fit to 5 mm, and 12 % in those of hololens-office, which fit to 7 cm.
+const MAX_APART: f64 = 0.02;
 /// Share below which the cause is searched: correct maps have 80 % and more.
 const DIAGNOSE_BELOW: f64 = 0.7;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn loosely_merged_maps_have_a_warning() {
+        assert_eq!(MapWarning::of_merge(40, Some(0.01), 2.0), None);
+        let loose = MapWarning::of_merge(6, Some(0.3), 2.5).expect("a warning");
+        assert_eq!(loose, MapWarning::LooseMerge { localized: 6, apart_percent: Some(12) });
+        assert!(loose.to_string().contains("by 12 % of the distance to the scene"), "{loose}");
+        let unconfirmed = MapWarning::of_merge(3, None, 2.5).expect("a warning");
+        assert!(
+            unconfirmed.to_string().contains("too few are localized in the other direction"),
+            "{unconfirmed}"
+        );
+    }
+}

@@ -106,12 +106,24 @@ fn halves_with_other_gauges_are_merged() {
         .succeeded();
     let document = run.json();
     assert_eq!(document["images"], 10, "{document}");
+    assert_eq!(document["warnings"], serde_json::json!([]), "the halves fit");
     assert!((number(&document["alignment"]["scale"]) * 2.3 - 1.0).abs() < 0.02, "{document}");
     let whole = scene.run("map info whole.vmap --json").json();
     let half = scene.run("map info first.vmap --json").json();
     assert!(number(&whole["points"]) > 1.2 * number(&half["points"]), "points of both: {whole}");
     let error = query_error(scene, "whole.vmap", &Similarity3::identity());
     assert!(error < 0.05, "{error}");
+
+    // Two images cannot confirm a transform in the other direction.
+    for (map, without) in [("two.vmap", names(2..10)), ("eight.vmap", names(0..2))] {
+        scene.run(&format!("map remove place.vmap {without} --no-self-test -o {map}")).succeeded();
+    }
+    let loose = "map merge two.vmap eight.vmap --no-self-test -o loose.vmap";
+    let refused = scene.run(loose);
+    assert!(refused.code == Some(1) && refused.stderr.contains("--keep-loose"), "{refused}");
+    assert!(!scene.path("loose.vmap").exists());
+    let kept = scene.run(&format!("{loose} --keep-loose --json")).succeeded().json();
+    assert!(kept["warnings"][0]["name"] == "loose-merge" && scene.path("loose.vmap").exists(), "{kept}");
 
     let twice = scene.run("map merge whole.vmap first.vmap --no-self-test");
     assert!(twice.code == Some(1) && twice.stderr.contains("map-00.png"), "{twice}");

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use veiloc_map::MapFile;
-use veiloc_mapping::merge;
+use veiloc_mapping::{MapWarning, merge};
 
 use super::MapEdit;
 use super::align::AlignmentInfo;
 use super::info::InfoOutput;
 use super::self_test::SelfTestArgs;
-use crate::exit::Outcome;
+use crate::exit::{Failure, Outcome};
 use crate::output::position::unit_of;
 use crate::stages::Stages;
 use crate::targets::OutFile;
@@ -20,6 +20,8 @@ use crate::ui::Ui;
 /// Up to 50 images of each map are localized in the other. More than half of those that are localized must agree on one similarity
 /// (scale, rotation, translation); it is applied to the poses of the second map, and points are triangulated again where images
 /// of both see them. The features stored in the maps are used; no image is read. The profile of the first map stays.
+/// Maps whose two directions differ by more than 2 % of the distance to the scene are not merged: the ± of poses would not
+/// include that error.
 #[derive(clap::Args)]
 pub(crate) struct MergeArgs {
     /// The map whose frame and profile stay.
@@ -29,6 +31,9 @@ pub(crate) struct MergeArgs {
     /// Text before the names of the second map's images, for example `day-2/`. Default: none.
     #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
     prefix: String,
+    /// Merge maps that fit loosely too, with a warning.
+    #[arg(long)]
+    keep_loose: bool,
     #[command(flatten)]
     self_test: SelfTestArgs,
     /// The map file to write. Default: the first map.
@@ -44,21 +49,23 @@ pub(super) fn run(args: &MergeArgs, ui: &Ui) -> Outcome {
     let mut model = edit.read()?;
     let other = MapFile::open(&args.other)?.to_model();
     let mut report = merge(&mut model, &other, &args.prefix, &Stages::new(ui))?;
+    let loose = report.build.warnings.iter().find(|warning| matches!(warning, MapWarning::LooseMerge { .. }));
+    if let Some(loose) = loose.filter(|_| !args.keep_loose) {
+        return Err(Failure::with_help(
+            format!("{}: {}\n{loose}", args.other.display(), report.frame),
+            "merge them nevertheless with --keep-loose",
+        ));
+    }
     args.self_test.test(&mut model, &mut report.build.warnings, ui)?;
     edit.write(&model)?;
     ui.info(format_args!("{}: {}", args.other.display(), report.frame));
-    match (&report.inverse, report.closure) {
-        (Some(inverse), Some(closure)) => ui.info(format_args!(
+    if let (Some(inverse), Some(closure)) = (&report.inverse, report.closure) {
+        ui.info(format_args!(
             "Checked in the other direction: {} images localized, camera centres there and back {} {} apart in the median",
             inverse.localized,
             veiloc_report::significant(closure),
             unit_of(model.is_metric)
-        )),
-        _ => ui.warn(format_args!(
-            "warning: the images of {} do not confirm the transform: too few of them are localized in {}",
-            args.map.display(),
-            args.other.display()
-        )),
+        ));
     }
     let output = InfoOutput {
         json: args.json,
