@@ -333,7 +333,7 @@ const MIN_MATCHES: usize = 100;
 /// with its focal length doubled.
 const MIN_AGREEING: f64 = 0.25;
 /// Distance there and back of two maps that fit, relative to the distance to the scene: 0.5 % and less in merged halves of
-/// RedKitchen and Herz-Jesu, which fit to 5 mm, and 12 % in those of hololens-office, which fit to 7 cm.
+/// RedKitchen and Herz-Jesu, which fit to 5 mm, and 11 % in those of hololens-office, which fit to 7 cm.
 const MAX_APART: f64 = 0.02;
 /// Share below which the cause is searched: correct maps have 80 % and more.
 const DIAGNOSE_BELOW: f64 = 0.7;
