@@ -15,6 +15,7 @@ commands.
 """
 
 import argparse
+import ast
 import csv
 import hashlib
 import os
@@ -39,6 +40,9 @@ SCENES = {"RedKitchen": "redkitchen", "Herz-Jesu": "herzjesu"}
 ALL = ["points", "random-lines", "coordinate-permutation", "dcl"]
 LINES = ["points", "random-lines", "dcl"]
 RIGHT = "0.25/2"
+# What the scripts of the commands below import, and its package.
+PACKAGES = {"PIL": "pillow", "cv2": "opencv-python-headless", "h5py": "h5py", "numpy": "numpy", "onnxruntime": "onnxruntime",
+            "poselib": "poselib", "pycolmap": "pycolmap"}  # fmt: skip
 
 
 class Run:
@@ -342,7 +346,7 @@ script("$P scripts/places.py --veiloc $V --data $D --csv $O/places/places.csv --
        "places/lost.csv")  # fmt: skip
 script("$P scripts/places.py --veiloc $V --data $D --csv $O/places/before.csv", "places/before.csv", by_hand=OLD)
 script("$P scripts/places.py --veiloc $V --data $D --places llff-room,fountain,entry,hololens-office --schemes points,dcl --features "
-       "alike-t-compact --csv $O/places/alike.csv", "places/alike.csv")  # fmt: skip
+       "alike-t-compact --csv $O/places/alike.csv", "places/alike.csv", by_hand=NETWORKS)  # fmt: skip
 script("$P scripts/peers.py --veiloc $V --data $D --work $W/peers --times --csv $O/peers/peers.csv", "peers/peers.csv")
 script("$P scripts/peers.py --veiloc $V --data $D --work $W/peers --places hololens-office,llff-room,fountain,entry,redkitchen,herzjesu --times "
        "--learned alike --csv $O/peers/learned.csv", "peers/learned.csv", by_hand=NETWORKS)  # fmt: skip
@@ -497,6 +501,22 @@ def make(run: Run, table: str, args, commit: str) -> bool:
     return True
 
 
+def imported(script: Path) -> set[str]:
+    """Modules that a script imports when it starts, without those of Python and the project's own, whose imports count too."""
+    names = set()
+    for line in ast.parse(script.read_text()).body:
+        if isinstance(line, ast.Import):
+            names.update(alias.name.split(".")[0] for alias in line.names)
+        elif isinstance(line, ast.ImportFrom):
+            names.add(line.module.split(".")[0])
+    found = set()
+    for name in names - set(sys.stdlib_module_names):
+        folders = (script.parent, ROOT / "scripts", ROOT / "scripts/service")
+        own = [file for folder in folders if (file := folder / f"{name}.py").exists()]
+        found |= imported(own[0]) if own else {name}
+    return found
+
+
 def check() -> list[str]:
     """What is wrong with the list of tables and the log."""
     files = {str(path.relative_to(RESULTS)) for path in RESULTS.rglob("*.csv")} - {LOG.name}
@@ -505,6 +525,10 @@ def check() -> list[str]:
     wrong += [f"{name}: scripts/figures.py makes it, and it is not in docs/results" for name in sorted(set(FIGURES) - files)]
     wrong += [f"{name}: no line in docs/results/{LOG.name}" for name in sorted(files - set(rows))]
     wrong += [f"{name}: a line in docs/results/{LOG.name}, and no such table" for name in sorted(set(rows) - files)]
+    commands = {how[1] for _, *how in FIGURES.values() if len(how) == 2 and not how[0]}
+    scripts = sorted({file for command in commands for file in re.findall(r"[\w/]+\.py", command)})
+    needed = {file: sorted(imported(ROOT / file) - set(PACKAGES)) for file in scripts}
+    wrong += [f"{file} imports {', '.join(names)}, which PACKAGES lacks" for file, names in needed.items() if names]
     return wrong
 
 
@@ -517,11 +541,15 @@ def main():
     parser.add_argument("--again", action="store_true", help="make tables that were made at this commit once more")
     parser.add_argument("--list", action="store_true")
     parser.add_argument("--check", action="store_true")
+    parser.add_argument("--packages", action="store_true", help="print the packages that scripts/figures.sh installs")
     args = parser.parse_args()
     if args.check:
         wrong = check()
         print("\n".join(wrong), file=sys.stderr)
         sys.exit(bool(wrong))
+    if args.packages:
+        print(*PACKAGES.values())
+        return
     pages = defaultdict(list)
     for table in FIGURES:
         pages[table.split("/")[0]].append(table)
@@ -545,9 +573,18 @@ def main():
     args.work.mkdir(parents=True, exist_ok=True)
     run = Run(args)
     started = time.monotonic()
-    done = [make(run, table, args, commit) for table in dict.fromkeys(FIGURES[table][0][0] for table in chosen)]
+    done, failed = [], []
+    for table in dict.fromkeys(FIGURES[table][0][0] for table in chosen):
+        try:
+            done.append(make(run, table, args, commit))
+        except subprocess.CalledProcessError as error:
+            # The next tables take hours, and do not need this one.
+            print(f"{table}: failed: {error}", file=sys.stderr, flush=True)
+            failed.append(table)
     subprocess.run([sys.executable, ROOT / "scripts/result_tables.py"], check=True)
-    print(f"{sum(done)} of {len(done)} commands ran, {(time.monotonic() - started) / 60:.0f} minutes")
+    print(f"{sum(done)} of {len(done) + len(failed)} commands ran, {(time.monotonic() - started) / 60:.0f} minutes")
+    if failed:
+        sys.exit(f"failed: {', '.join(failed)}; made again by the same command")
 
 
 if __name__ == "__main__":
