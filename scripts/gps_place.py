@@ -20,7 +20,7 @@ import urllib.request
 from pathlib import Path
 
 import numpy as np
-from images_alone import place_of, run, write_rows
+from images_alone import arguments, place_of, run, write_rows
 from map_merges import gauge, write_posed
 from poses import center
 from PIL import Image
@@ -187,7 +187,7 @@ def rows_of(veiloc, folder, kept):
 
 
 def main():
-    veiloc, data, work, out, *places = sys.argv[1:]
+    veiloc, data, work, out, places = arguments(__doc__, "veiloc", "data", "work", "out", "places")
     rows = []
     for place in places or PLACES:
         rows += rows_of(veiloc, Path(data) / place, Path(work) / place)

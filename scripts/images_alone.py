@@ -16,6 +16,7 @@ Times are processor time, which other programs on the machine change little; tha
 WORK/PLACE keeps the maps: what is there is not computed again.
 """
 
+import argparse
 import json
 import resource
 import subprocess
@@ -216,8 +217,16 @@ def rows_of(veiloc, folder, kept):
     return rows
 
 
+def arguments(description, *names):
+    """The arguments of the command line, in this order; `places` is a list. Prints the description for `--help`."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name in names:
+        parser.add_argument(name, nargs="*" if name == "places" else None)
+    return vars(parser.parse_args()).values()
+
+
 def main():
-    veiloc, data, work, out, *places = sys.argv[1:]
+    veiloc, data, work, out, places = arguments(__doc__, "veiloc", "data", "work", "out", "places")
     rows = []
     for place in places or PLACES:
         rows += rows_of(veiloc, Path(data) / place, Path(work) / place)

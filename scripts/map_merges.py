@@ -17,7 +17,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from images_alone import errors, place_of, run, summary, write_rows
+from images_alone import arguments, errors, place_of, run, summary, write_rows
 from poses import center, quaternion
 
 PLACES = ["redkitchen", "herzjesu", "hololens-office"]
@@ -51,7 +51,7 @@ def write_posed(folder, truth, names, moved):
 
 
 def main():
-    veiloc, data, work, out, *places = sys.argv[1:]
+    veiloc, data, work, out, places = arguments(__doc__, "veiloc", "data", "work", "out", "places")
     rows = []
     for place in places or PLACES:
         folder, kept = Path(data) / place, Path(work) / place

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import imageio_ffmpeg
 import numpy as np
-from images_alone import errors, given_poses, place_of, run, summary, write_rows
+from images_alone import arguments, errors, given_poses, place_of, run, summary, write_rows
 from poses import center, similarity
 from PIL import Image
 
@@ -30,7 +30,7 @@ def blurred(image):
 
 
 def main():
-    veiloc, place, work, out = sys.argv[1:]
+    veiloc, place, work, out = arguments(__doc__, "veiloc", "place", "work", "out")
     place, work = Path(place), Path(work)
     _, truth, names, held_out = place_of(place)
     frames = work / "video"
