@@ -33,7 +33,7 @@ pub(crate) use views::{HiddenViews, map_scene};
 pub(crate) struct DemoDocument {
     /// Localization of the hidden views.
     pub evaluation: EvaluationDocument,
-    /// Results of the attacks: graph attack and several sealed queries on the views that the report draws, other
+    /// Results of the attacks: graph attack and several sealed queries on the view that the report draws, other
     /// attacks on all hidden views.
     pub attacks: AttackDocument,
 }

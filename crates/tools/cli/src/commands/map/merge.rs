@@ -20,8 +20,8 @@ use crate::ui::Ui;
 /// Up to 50 images of each map are localized in the other. More than half of those that are localized must agree on one similarity
 /// (scale, rotation, translation); it is applied to the poses of the second map, and points are triangulated again where images
 /// of both see them. The features stored in the maps are used; no image is read. The profile of the first map stays.
-/// Maps whose two directions differ by more than 2 % of the distance to the scene are not merged: the ± of poses would not
-/// include that error.
+/// Then the same is done in the other direction. If the two transforms differ by more than 2 % of the distance to the scene, or
+/// too few images are localized in the other direction, the maps are not merged: the ± of poses would not include that error.
 #[derive(clap::Args)]
 pub(crate) struct MergeArgs {
     /// The map whose frame and profile stay.
@@ -31,7 +31,7 @@ pub(crate) struct MergeArgs {
     /// Text before the names of the second map's images, for example `day-2/`. Default: none.
     #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
     prefix: String,
-    /// Merge maps that fit loosely too, with a warning.
+    /// Also merge maps that fit loosely, with a warning.
     #[arg(long)]
     keep_loose: bool,
     #[command(flatten)]
