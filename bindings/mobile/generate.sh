@@ -8,8 +8,8 @@
 set -euo pipefail
 library="$(realpath "$1")" out="$(realpath -m "$2")"
 cd "$(dirname "$0")"
-# In the workspace's target folder, and from its own lock file.
-target="${CARGO_TARGET_DIR:-$PWD/../../target}"
-CARGO_TARGET_DIR="$target" cargo build --quiet --locked --manifest-path generate/Cargo.toml
+# From its own lock file, in a folder of its own: no build of the workspace waits for it.
+target="${CARGO_TARGET_DIR:-$PWD/../../target}/generate"
+cargo build --quiet --locked --manifest-path generate/Cargo.toml --target-dir "$target"
 "$target/debug/veiloc-mobile-generate" generate "$library" --language kotlin --language swift --out-dir "$out" --no-format \
     --metadata-no-deps

@@ -134,7 +134,7 @@ class Place:
             print("VEILOC_DATA is not set: no real frames")
         log = open(work / "serve.log", "w+")
         self.service = subprocess.Popen([veiloc, "serve", "--map", f"place={self.map}", "--listen", "127.0.0.1:0",
-                                         "--rate", "1000", "--burst", "1000"], stdout=log, stderr=log)
+                                         "--rate", "1000", "--burst", "1000", "--answer-quantum", "0"], stdout=log, stderr=log)
         for _ in range(600):
             found = re.search(r"serving place on http://127\.0\.0\.1:(\d+)", (work / "serve.log").read_text())
             if found:

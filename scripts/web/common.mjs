@@ -80,7 +80,7 @@ export async function serveWithToken() {
   rmSync(tokens, { force: true });
   const token = execFileSync(veiloc, ["token", "new", "phone", "--tokens", tokens, "--maps", "place"], { encoding: "utf8" }).match(/\S{20,}/)[0];
   const map = path.join(place, "place.vmap");
-  const address = await serve("serve", "--map", `place=${map}`, "--listen", "127.0.0.1:0", "--admin-listen", "127.0.0.1:0", "--tokens", tokens, "--page", "--page-folder", pageFolder, "--log", "off");
+  const address = await serve("serve", "--map", `place=${map}`, "--listen", "127.0.0.1:0", "--admin-listen", "127.0.0.1:0", "--tokens", tokens, "--page", "--page-folder", pageFolder, "--answer-quantum", "0", "--log", "off");
   return { address, token };
 }
 

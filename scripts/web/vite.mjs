@@ -74,7 +74,7 @@ async function answer(address) {
 
 const PORT = 5173;
 const map = `lobby=${path.resolve(given.map)}`;
-const service = await started(path.resolve(given.veiloc), ["serve", "--map", map, "--listen", "127.0.0.1:0", "--log", "off",
+const service = await started(path.resolve(given.veiloc), ["serve", "--map", map, "--listen", "127.0.0.1:0", "--answer-quantum", "0", "--log", "off",
   "--cors-origin", `http://localhost:${PORT}`]);
 write("main.js", (text) => text.replace("http://localhost:8080", service.address));
 try {
