@@ -38,7 +38,7 @@ fn rendered_images(folder: &Path) -> Result<Vec<PathBuf>, Box<dyn Error>> {
 /// The paper's attack and the layout of the neighbour graph, both with true neighbours, beside the prior-only
 /// baseline.
 fn attack(images: &[PathBuf]) -> Result<AttackDocument, Box<dyn Error>> {
-    let limits = ExtractionLimits { max_keypoints: 1024, ..ExtractionLimits::default() };
+    let limits = ExtractionLimits { max_keypoints: 512, ..ExtractionLimits::default() };
     let images = keypoints_of_images(images, &Sift::for_sealing(), limits, &())?;
     let evaluation =
         AttackEvaluation { attacks: vec![Attack::CLOSED_FORM, Attack::GRAPH], ..AttackEvaluation::default() };

@@ -105,7 +105,7 @@ fn several_frames_increase_recall() {
     for (scheme, right, wrong) in [(Scheme::Points, 8, 150), (Scheme::Lines, 25, 110), (Scheme::Dcl, 25, 150)]
     {
         let (mut alone, mut all) = (0, 0);
-        for seed in 0..20 {
+        for seed in 0..10 {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let setup = Setup { scheme, right, wrong, noise: 1.0 };
             let (frames, truth) = session(&setup, 4, ODOMETRY, &mut rng);
@@ -115,7 +115,7 @@ fn several_frames_increase_recall() {
             alone += usize::from(near(estimate(&frames[..1], seed)));
             all += usize::from(near(estimate(&frames, seed)));
         }
-        assert!(all >= 18 && alone <= 13, "{scheme:?}: {alone} alone, {all} together, of 20");
+        assert!(all >= 9 && alone <= 7, "{scheme:?}: {alone} alone, {all} together, of 10");
     }
 }
 

@@ -37,7 +37,7 @@ fn attacked(sent: &[Observation], lists: &NeighbourLists, truth: &[Pixel]) -> (E
 #[test]
 fn graph_attack_recovers_half_lines_with_true_neighbours() {
     let pencils = Pencils::paper(640, 480);
-    for (truth, mean, median) in [(uniform(1500, 4), 4.0, 3.0), (clusters(1500, 5), 6.0, 5.0)] {
+    for (truth, mean, median) in [(uniform(800, 4), 4.0, 3.0), (clusters(800, 5), 6.0, 5.0)] {
         let sent = lift::dual_convergent(&truth, &pencils);
         let prior = ErrorSummary::of(&errors_px(prior_only(&sent, 640, 480), &truth));
         let (found, false_share) = attacked(&sent, &NeighbourLists::nearest(&truth, 20), &truth);
@@ -49,7 +49,7 @@ fn graph_attack_recovers_half_lines_with_true_neighbours() {
 
 #[test]
 fn graph_attack_tolerates_20_percent_false_neighbours() {
-    let truth = uniform(1000, 6);
+    let truth = uniform(600, 6);
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let lists = NeighbourLists::nearest(&truth, 20).corrupted(0.2, &mut rng);
     let schemes = [

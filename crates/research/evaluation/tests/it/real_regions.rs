@@ -20,9 +20,13 @@ fn names(list: &Path) -> Vec<String> {
     text.lines().map(|line| line.trim().to_owned()).filter(|line| !line.is_empty()).collect()
 }
 
+/// The whole map, in the work folder.
+const MAP: &str = "place.vmap";
+
 fn kitchen(data: &Path, regions: Option<SplitOptions>, work: &Path) -> EvaluationDocument {
     let folder = data.join("redkitchen");
     let evaluation = SceneEvaluation {
+        keep_map: regions.is_none().then(|| work.join(MAP)),
         regions,
         schemes: ["points", "dcl"].map(|scheme| scheme.parse().expect("a scheme")).to_vec(),
         thresholds: ["0.02/2", "0.05/5"].map(|t| t.parse().expect("a threshold")).to_vec(),
@@ -38,53 +42,45 @@ fn kitchen(data: &Path, regions: Option<SplitOptions>, work: &Path) -> Evaluatio
     evaluate_scene(&evaluation, &()).expect("evaluated")
 }
 
-/// Every query in the regions that a gateway would choose: all are localized, as many are trusted as in the whole
-/// map, none wrongly, and with nearly the same errors (a region of 20 holds fewer of the ten most relevant images;
-/// docs/results/scale.md).
+/// Regions are cut from one map and give its answers.
 #[real_data_test]
-fn queries_are_localized_in_regions_as_in_whole_map(data: &Path) {
+fn regions_answer_as_the_whole_map(data: &Path) {
     let work = tempfile::tempdir().expect("a folder");
     let whole = kitchen(data, None, work.path());
     print_figures("whole", &whole);
+    queries_are_localized_in_regions(data, &whole, work.path());
+    region_with_all_retrieved_images_gives_equal_pose(data, work.path());
+}
+
+/// Every query in the regions that a gateway would choose: all are localized, as many are trusted as in the whole
+/// map, none wrongly, and with nearly the same errors (a region of 20 holds fewer of the ten most relevant images;
+/// docs/results/scale.md).
+fn queries_are_localized_in_regions(data: &Path, whole: &EvaluationDocument, work: &Path) {
     let map = whole.map.as_ref().expect("a map");
-    for (images, error) in [(40, 1.25), (20, 1.4)] {
-        let cut = kitchen(data, Some(SplitOptions::default().with_images(images)), work.path());
-        print_figures(&format!("regions of {images}"), &cut);
-        let regions = cut.map.as_ref().and_then(|map| map.regions.clone()).expect("regions");
-        assert!(regions.count >= 83 / images && regions.largest_bytes < map.bytes, "{regions:?}");
-        for (whole, cut) in whole.schemes.iter().zip(&cut.schemes) {
-            assert_eq!((cut.queries, cut.recall["0.05/5"]), (whole.queries, 1.0), "{}", cut.scheme);
-            assert_eq!(cut.trusted_wrong, Some(0), "{}", cut.scheme);
-            let [own, of_whole] = [cut, whole].map(|s| s.trusted.expect("all are judged"));
-            assert!(own >= of_whole, "{}: {own} of {of_whole}", cut.scheme);
-            let [a, b] = [cut, whole].map(|s| s.median_translation.expect("most are found"));
-            assert!(a < error * b, "{}: {a} m in regions, {b} m in the whole map", cut.scheme);
-        }
+    let images = 20;
+    let cut = kitchen(data, Some(SplitOptions::default().with_images(images)), work);
+    print_figures(&format!("regions of {images}"), &cut);
+    let regions = cut.map.as_ref().and_then(|map| map.regions.clone()).expect("regions");
+    assert!(regions.count >= 83 / images && regions.largest_bytes < map.bytes, "{regions:?}");
+    for (whole, cut) in whole.schemes.iter().zip(&cut.schemes) {
+        assert_eq!((cut.queries, cut.recall["0.05/5"]), (whole.queries, 1.0), "{}", cut.scheme);
+        assert_eq!(cut.trusted_wrong, Some(0), "{}", cut.scheme);
+        let [own, of_whole] = [cut, whole].map(|s| s.trusted.expect("all are judged"));
+        assert!(own >= of_whole, "{}: {own} of {of_whole}", cut.scheme);
+        let [a, b] = [cut, whole].map(|s| s.median_translation.expect("most are found"));
+        assert!(a < 1.4 * b, "{}: {a} m in regions, {b} m in the whole map", cut.scheme);
     }
 }
 
 /// A region that holds all images that the whole map retrieves for a query gives exactly the whole map's pose and
 /// state. Its covariance differs slightly, since regions store covariances of points in single precision.
-#[real_data_test]
-fn region_with_all_retrieved_images_gives_equal_pose(data: &Path) {
+fn region_with_all_retrieved_images_gives_equal_pose(data: &Path, work: &Path) {
     let place = data.join("redkitchen");
-    let work = tempfile::tempdir().expect("a folder");
-    let path = work.path().join("place.vmap");
     let posed = read_posed(&place.join("posed")).expect("poses of the data");
     let queries = names(&place.join("query.txt"));
-    let evaluation = SceneEvaluation {
-        keep_map: Some(path.clone()),
-        ..SceneEvaluation::of_scene(
-            posed.clone(),
-            place.join("images"),
-            names(&place.join("map.txt")),
-            queries[..1].to_vec(),
-        )
-    };
-    evaluate_scene(&evaluation, &()).expect("evaluated");
-    let whole = MapFile::open(&path).expect("a map");
+    let whole = MapFile::open(&work.join(MAP)).expect("a map");
     let cuts = cut(&whole, &SplitOptions::default().with_images(40)).expect("cut");
-    let folder = work.path().join("regions");
+    let folder = work.join("regions");
     let writer = FolderWriter::begin(&whole, "place", &folder).expect("a folder");
     let entries = cuts.iter().map(|region| writer.region(region).expect("written")).collect();
     writer.finish(&cuts, entries).expect("written");

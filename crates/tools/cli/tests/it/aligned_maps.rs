@@ -132,7 +132,7 @@ fn halves_with_other_gauges_are_merged() {
 #[test]
 fn places_without_a_common_part_are_not_merged() {
     let scene = scene();
-    common::render_out_of_map_images(24);
+    common::render_out_of_map_images(12);
     let build = format!(
         "map build --posed other/posed --images other/images -o other.vmap --no-self-test {}",
         EXTRACTION.join(" ")

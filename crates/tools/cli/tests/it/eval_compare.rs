@@ -9,7 +9,7 @@ use serde_json::Value;
 fn runs_are_compared_and_invalid_files_refused() {
     let scene = scene();
     let make = "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt";
-    scene.run(&format!("{make} --max-keypoints 1024 -o compared.jsonl")).succeeded();
+    scene.run(&format!("{make} --max-keypoints 512 -o compared.jsonl")).succeeded();
     let pose = "eval pose compared.jsonl --schemes points,dcl --thresholds 0.02/2,0.1/5";
     scene.run(&format!("{pose} --json plain.json")).succeeded();
     scene.run(&format!("{pose} --seed 1 --no-prior --json other.json")).succeeded();

@@ -6,7 +6,7 @@ use common::{QUERIES, scene};
 use serde_json::Value;
 
 const SCENE_ARGS: &str = "--posed posed --images images --map-list map.txt --query-list queries.txt \
-                          --max-keypoints 1024 --query-keypoints 1024 --schemes points,dcl";
+                          --max-keypoints 512 --query-keypoints 512 --schemes points,dcl";
 
 fn document(bytes: &[u8]) -> Value {
     serde_json::from_slice(bytes).expect("a document")

@@ -147,7 +147,7 @@ fn added_images_in_the_frame_of_the_map_are_accepted() {
         "{plain}"
     );
     assert!(frame["localized"].as_u64() >= Some(3), "{plain}");
-    assert!(frame["median_distance"].as_f64() < Some(0.02), "{plain}");
+    assert!(frame["median_distance"].as_f64() < Some(0.04), "{plain}");
     assert_eq!(document["warnings"].as_array().map(Vec::len), Some(0), "{plain}");
     // Nothing is transformed, and the map is the same as without a comparison.
     for flag in ["--align", "--no-frame-check"] {
@@ -178,7 +178,7 @@ fn unknown_frames_are_reported() {
 fn built_images_in_another_frame_are_refused_or_aligned() {
     let scene = scene();
     let build =
-        "map build --images images --list map.txt --max-keypoints 1024 --query-keypoints 1024 --no-self-test";
+        "map build --images images --list map.txt --max-keypoints 512 --query-keypoints 512 --no-self-test";
     for (name, given_from_true) in other_frames() {
         write_posed(scene, &format!("build-{name}"), &given_from_true);
         let build = format!("{build} --posed build-{name} -o build-{name}/place.vmap --json");
@@ -199,14 +199,14 @@ fn build_without_comparison_accepts_two_frames() {
     let scene = scene();
     let (_, given_from_true) = &other_frames()[0];
     write_posed(scene, "unchecked", given_from_true);
-    let build = "map build --posed unchecked --images images --list map.txt --max-keypoints 1024 \
-                 --query-keypoints 1024 --no-self-test --no-frame-check -o unchecked.vmap --json";
+    let build = "map build --posed unchecked --images images --list map.txt --max-keypoints 512 \
+                 --query-keypoints 512 --no-self-test --no-frame-check -o unchecked.vmap --json";
     let document = scene.run(build).succeeded().json();
     assert!(document.get("frame").is_none(), "{document}");
 
     // As a finished model, the same map is refused too.
     scene.run("map export unchecked.vmap --colmap two-frames").succeeded();
-    let import = "map import --model two-frames --images images --max-keypoints 1024 --query-keypoints 1024 \
+    let import = "map import --model two-frames --images images --max-keypoints 512 --query-keypoints 512 \
                   --no-self-test -o imported.vmap --json";
     assert_refused(&scene.run(import), true_distance(scene, given_from_true));
     assert!(!scene.path("imported.vmap").exists());

@@ -12,7 +12,7 @@ fn extracted() -> &'static TestScene {
     let scene = scene();
     READY.call_once(|| {
         let run =
-            scene.run("features images --features sift --max-keypoints 1024 --out-hloc feats.h5").succeeded();
+            scene.run("features images --features sift --max-keypoints 512 --out-hloc feats.h5").succeeded();
         assert!(run.stderr.contains("13 images"), "{run}");
         let camera = CAMERA.replace(',', " ");
         scene

@@ -8,7 +8,7 @@ use std::io::{BufRead as _, BufReader};
 use common::{MAP_VIEWS, TestScene, scene};
 use veiloc_map::MapLock;
 
-const BUILD: &str = "map build --posed posed --images images --list map.txt --max-keypoints 1024 --query-keypoints 1024 \
+const BUILD: &str = "map build --posed posed --images images --list map.txt --max-keypoints 512 --query-keypoints 512 \
                      -o live/place.vmap";
 
 /// Names in the folder of the map, sorted.

@@ -114,7 +114,7 @@ fn bad_images_are_named_or_skipped() {
     }
     scene.write("some/map-05.png", &png[..png.len() / 2]);
     let build =
-        "map build --posed posed --images some --list map.txt --max-keypoints 1024 -o some.vmap --json";
+        "map build --posed posed --images some --list map.txt --max-keypoints 512 -o some.vmap --json";
     let run = scene.run(build);
     assert_eq!(run.code, Some(1), "{run}");
     assert!(run.stderr.contains("5 of 10 images cannot be used"), "{run}");
@@ -141,7 +141,7 @@ fn poses_without_points_suffice_and_wrong_focal_length_is_diagnosed() {
     scene.write("bare/images.txt", scene.read("posed/images.txt"));
     let build = |posed: &str| {
         format!(
-            "map build --posed {posed} --images images --list map.txt --max-keypoints 1024 --query-keypoints 1024 \
+            "map build --posed {posed} --images images --list map.txt --max-keypoints 512 --query-keypoints 512 \
              -o {posed}.vmap --json"
         )
     };
@@ -170,7 +170,7 @@ fn inverted_poses_are_diagnosed_and_old_map_stays() {
     scene.write("turned/images.txt", numbered);
     scene.write("turned.vmap", b"a good map");
     let build =
-        "map build --posed turned --images images --list map.txt --max-keypoints 1024 -o turned.vmap --json";
+        "map build --posed turned --images images --list map.txt --max-keypoints 512 -o turned.vmap --json";
     let run = scene.run(build);
     assert_eq!(run.code, Some(1), "{run}");
     assert!(run.stderr.contains("poses seem to be camera-to-world"), "{run}");
@@ -204,7 +204,7 @@ fn map_without_self_test_warns() {
     let scene = scene();
     scene.write("two.txt", "map-00.png\nmap-01.png\n");
     let build =
-        "map build --posed posed --images images --list two.txt --max-keypoints 1024 -o two.vmap --json";
+        "map build --posed posed --images images --list two.txt --max-keypoints 512 -o two.vmap --json";
     let document = scene.run(build).succeeded().json();
     assert_eq!(document["self_test"]["images"], 2);
     let names: Vec<&str> =

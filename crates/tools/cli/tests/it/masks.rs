@@ -72,8 +72,8 @@ fn l13_hidden_pixels_change_no_result() {
     }
     let evaluated = |images: &str, more: &str| {
         let run = scene.run(&format!(
-            "eval scene --posed posed --images {images} --map-list map.txt --query-list queries.txt --max-keypoints 1024 \
-             --query-keypoints 1024 --schemes dcl --json {images}.json {more}"
+            "eval scene --posed posed --images {images} --map-list map.txt --query-list queries.txt --max-keypoints 512 \
+             --query-keypoints 512 --schemes dcl --json {images}.json {more}"
         ));
         let document: serde_json::Value =
             serde_json::from_slice(&scene.read(&format!("{images}.json"))).expect("a document");
@@ -117,7 +117,7 @@ fn attacks_use_no_hidden_keypoints() {
         scene
             .run(&format!(
                 "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt \
-                 --max-keypoints 1024 --query-keypoints 512 -o p.jsonl --keypoints masked.jsonl {more}"
+                 --max-keypoints 512 --query-keypoints 512 -o p.jsonl --keypoints masked.jsonl {more}"
             ))
             .succeeded();
         let read = |name: &str| {

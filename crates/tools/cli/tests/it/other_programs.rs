@@ -32,8 +32,8 @@ fn models_and_lists_of_other_systems_are_read() {
     let pairs = (2..9).map(pair).collect::<Vec<_>>().concat();
     let first = "\u{feff}cam0/00.png K\u{fc}che.png\nK\u{fc}che.png map-02.png\n";
     scene.write("pairs.txt", format!("{first}{pairs}gone.png map-02.png\nmap-03.png lost.png\n"));
-    let build = "map build --posed windows --images photos --list windows.txt --max-keypoints 1024 \
-                 --query-keypoints 1024 --no-self-test --pairs pairs.txt --out-pairs matched.txt -o windows.vmap";
+    let build = "map build --posed windows --images photos --list windows.txt --max-keypoints 512 \
+                 --query-keypoints 512 --no-self-test --pairs pairs.txt --out-pairs matched.txt -o windows.vmap";
     let run = scene.run(build).succeeded();
     let matched = String::from_utf8(scene.read("matched.txt")).expect("text");
     assert_eq!(matched.lines().count(), 9, "{matched}");

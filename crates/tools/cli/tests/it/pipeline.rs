@@ -268,7 +268,7 @@ fn profile_is_small_and_has_the_maps_id() {
 fn equal_input_gives_an_equal_map() {
     let scene = scene();
     let build =
-        "map build --posed posed --images images --list map.txt --max-keypoints 1024 --query-keypoints 1024";
+        "map build --posed posed --images images --list map.txt --max-keypoints 512 --query-keypoints 512";
     let run = scene.run(&format!("{build} -o equal.vmap --json")).succeeded();
     assert_eq!(run.json()["images"], MAP_VIEWS);
     assert!(scene.read("equal.vmap") == scene.read("place.vmap"), "two builds of the same input differ");
@@ -339,7 +339,7 @@ fn check_evaluation(document: &Value, command: &str, schemes: &[&str], queries: 
 fn a_scene_is_evaluated() {
     let scene = scene();
     let command = "eval scene --posed posed --images images --map-list map.txt --query-list queries.txt \
-                   --max-keypoints 1024 --query-keypoints 1024 --schemes points,dcl --thresholds 0.05/5,0.1/2 \
+                   --max-keypoints 512 --query-keypoints 512 --schemes points,dcl --thresholds 0.05/5,0.1/2 \
                    --keep-map kept.vmap";
     let run = scene.run(&format!("{command} --json")).succeeded();
     let document = run.json();

@@ -6,7 +6,7 @@ use common::{TestScene, scene};
 use serde_json::Value;
 
 const SCENE: &str = "eval scene --posed posed --images images --map-list map.txt --query-list queries.txt \
-                     --max-keypoints 1024 --query-keypoints 1024 --schemes points,dcl --keep-map report.vmap";
+                     --max-keypoints 512 --query-keypoints 512 --schemes points,dcl --keep-map report.vmap";
 
 /// A report, with the checks that hold for every report.
 fn page(scene: &TestScene, name: &str) -> String {

@@ -25,7 +25,7 @@ pub const MAP_VIEWS: usize = 10;
 /// Query views, within the same third.
 pub const QUERIES: usize = 3;
 /// Few keypoints, to save time.
-pub const EXTRACTION: [&str; 4] = ["--max-keypoints", "1024", "--query-keypoints", "1024"];
+pub const EXTRACTION: [&str; 4] = ["--max-keypoints", "512", "--query-keypoints", "512"];
 
 /// A folder with an operator's files, and the map that the binary built from them:
 ///
