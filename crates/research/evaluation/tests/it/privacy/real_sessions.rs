@@ -33,7 +33,7 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
         gyro_deg: vec![0.0],
         drift_deg: vec![0.0],
         // With fewer images the figures depend on where their private regions lie.
-        attacked: Some(5),
+        attacked: Some(4),
         private: 0.1,
         max_distance: 0.5,
         sensor_noise: 2.0,
