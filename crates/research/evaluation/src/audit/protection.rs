@@ -5,7 +5,7 @@
 pub const PROTECTION: &str = "Under dcl, private things that no map shows stay hidden from someone who has only the \
                               query (-0.11 to +0.33 bits on seven places); static things that images from nearby \
                               viewpoints show too do not (-0.57 to +2.99 bits). A server that has found the pose also \
-                              sees where something hides its map (+0.17 to +1.43 bits). Bits are the gain over the best \
+                              sees where something hides its map (+0.19 to +1.45 bits). Bits are the gain over the best \
                               answer without content: one bit halves the error.";
 
 #[cfg(test)]
