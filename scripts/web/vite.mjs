@@ -9,6 +9,7 @@ import { execFileSync, spawn } from "node:child_process";
 import { mkdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { createRequire } from "node:module";
 import path from "node:path";
+import { fileURLToPath } from "node:url";
 import { parseArgs } from "node:util";
 
 const { values: given } = parseArgs({
@@ -16,7 +17,7 @@ const { values: given } = parseArgs({
     veiloc: { type: "string" }, tools: { type: "string" }, map: { type: "string" }, image: { type: "string" }, out: { type: "string" },
   },
 });
-const root = path.resolve(import.meta.dirname, "../..");
+const root = fileURLToPath(new URL("../..", import.meta.url));
 const tools = path.resolve(given.tools);
 const app = path.resolve(given.out, "app");
 rmSync(app, { recursive: true, force: true });
