@@ -145,7 +145,8 @@ def rows_of(veiloc, folder, kept):
         run([veiloc, "map", "profile", aligned, "-o", kept / "place.profile"])
         origin = ",".join(repr(x) for x in found["origin"])
         service = subprocess.Popen(
-            [veiloc, "serve", "--map", f"place={aligned}", "--geo-reference", f"place={origin}", "--listen", "127.0.0.1:0", "--rate", "1000"],
+            [veiloc, "serve", "--map", f"place={aligned}", "--geo-reference", f"place={origin}", "--listen", "127.0.0.1:0", "--rate", "1000",
+             "--answer-quantum", "0"],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

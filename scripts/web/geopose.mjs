@@ -90,7 +90,7 @@ const queries = images.map((name) => {
 });
 
 const reference = `place=${ORIGIN.lat},${ORIGIN.lon},${ORIGIN.h}`;
-const service = spawn(given.veiloc, ["serve", "--map", `place=${map}`, "--geo-reference", reference,
+const service = spawn(given.veiloc, ["serve", "--answer-quantum", "0", "--map", `place=${map}`, "--geo-reference", reference,
   "--listen", "127.0.0.1:0", "--rate", "1000"]);
 try {
   const address = await new Promise((resolve, reject) => {
