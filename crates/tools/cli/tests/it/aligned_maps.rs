@@ -2,9 +2,8 @@
 
 use super::common;
 
-use common::{CAMERA, EXTRACTION, Run, TestScene, scene};
+use common::{CAMERA, EXTRACTION, POSITION_TOLERANCE, Run, TestScene, pose, scene};
 use serde_json::Value;
-use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_mapping::Similarity3;
 
@@ -39,11 +38,7 @@ fn query_error(scene: &TestScene, map: &str, frame: &Similarity3) -> f64 {
     let seal = format!("seal images/query-1.png --camera {CAMERA} --profile {map}.vprofile -o {map}.vquery");
     scene.run(&seal).succeeded();
     let run = scene.run(&format!("localize --map {map} {map}.vquery --json"));
-    let query = &run.json()["queries"][0]["cam_from_world"];
-    let of = |key: &str, n: usize| (0..n).map(|i| number(&query[key][i])).collect::<Vec<f64>>();
-    let (q, t) = (of("q", 4), of("t", 3));
-    let pose =
-        CameraFromWorld::from_quaternion([q[0], q[1], q[2], q[3]], [t[0], t[1], t[2]]).expect("a pose");
+    let pose = pose(&run.json()["queries"][0]["cam_from_world"]);
     let truth = frame.transform(&scene.pose_of("query-1.png").center().coords);
     (pose.center().coords - truth).norm()
 }
@@ -59,14 +54,14 @@ fn map_is_aligned_to_positions_and_back_to_another_map() {
     assert_eq!(unused.map(|p| p["name"].clone()).collect::<Vec<_>>(), ["map-02.png"]);
     assert!(number(&alignment["rms"]) < 1e-9, "{alignment}");
     let error = query_error(scene, "gauge.vmap", &gauge());
-    assert!(error < 0.1, "{error}");
+    assert!(error < gauge().scale * POSITION_TOLERANCE, "{error}");
 
     let back =
         scene.run("map align gauge.vmap --to-map place.vmap --no-self-test -o back.vmap --json").succeeded();
     let alignment = &back.json()["alignment"];
     assert!((number(&alignment["scale"]) * 2.3 - 1.0).abs() < 0.01, "{alignment}");
     let error = query_error(scene, "back.vmap", &Similarity3::identity());
-    assert!(error < 0.05, "{error}");
+    assert!(error < POSITION_TOLERANCE, "{error}");
 }
 
 #[test]
@@ -112,7 +107,7 @@ fn halves_with_other_gauges_are_merged() {
     let half = scene.run("map info first.vmap --json").json();
     assert!(number(&whole["points"]) > 1.2 * number(&half["points"]), "points of both: {whole}");
     let error = query_error(scene, "whole.vmap", &Similarity3::identity());
-    assert!(error < 0.05, "{error}");
+    assert!(error < POSITION_TOLERANCE, "{error}");
 
     // Two images cannot confirm a transform in the other direction.
     for (map, without) in [("two.vmap", names(2..10)), ("eight.vmap", names(0..2))] {

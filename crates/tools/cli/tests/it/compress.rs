@@ -2,7 +2,7 @@
 
 use super::common;
 
-use common::scene;
+use common::{POSITION_TOLERANCE, pose, scene};
 
 #[test]
 fn a_small_map_answers_and_says_what_it_was_made_of() {
@@ -24,11 +24,8 @@ fn a_small_map_answers_and_says_what_it_was_made_of() {
         scene.seal("query-0.png", scheme, &sealed);
         let answer = scene.run(&format!("localize --map small.vmap --json {sealed}")).succeeded().json();
         assert_eq!(answer["queries"][0]["state"], "trusted", "{answer}");
-        let center: Vec<f64> =
-            serde_json::from_value(answer["queries"][0]["center"].clone()).expect("numbers");
-        let truth = scene.pose_of("query-0.png").center();
-        let off = (0..3).map(|i| (center[i] - truth.coords[i]).powi(2)).sum::<f64>().sqrt();
-        assert!(off < 0.02, "{scheme}: {off}");
+        let error = scene.position_error("query-0.png", &pose(&answer["queries"][0]["cam_from_world"]));
+        assert!(error < POSITION_TOLERANCE, "{scheme}: {error}");
     }
     for (command, expected) in [
         ("map compress small.vmap -o again.vmap", "the map is compressed"),

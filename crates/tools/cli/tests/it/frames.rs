@@ -4,7 +4,7 @@ use super::common;
 
 use std::fs;
 
-use common::{CAMERA, QUERIES, Run, TestScene, render_out_of_map_images, scene};
+use common::{CAMERA, QUERIES, Run, TestScene, pose, render_out_of_map_images, scene};
 use serde_json::Value;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
@@ -91,13 +91,7 @@ fn worst_error(scene: &TestScene, map: &str) -> f64 {
     );
     let document = scene.run(&command).json();
     let error = |query: &Value| {
-        let numbers = |v: &Value| {
-            v.as_array().expect("numbers").iter().map(|x| x.as_f64().expect("a number")).collect::<Vec<_>>()
-        };
-        let (q, t) = (numbers(&query["cam_from_world"]["q"]), numbers(&query["cam_from_world"]["t"]));
-        let pose =
-            CameraFromWorld::from_quaternion([q[0], q[1], q[2], q[3]], [t[0], t[1], t[2]]).expect("a pose");
-        pose.translation_error(&scene.pose_of(query["file"].as_str().expect("a name")))
+        scene.position_error(query["file"].as_str().expect("a name"), &pose(&query["cam_from_world"]))
     };
     document["queries"].as_array().expect("a list").iter().map(error).fold(0.0, f64::max)
 }

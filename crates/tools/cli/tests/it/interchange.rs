@@ -2,7 +2,7 @@
 
 use super::common;
 
-use common::{CAMERA, EXTRACTION, TestScene, scene};
+use common::{CAMERA, EXTRACTION, POSITION_TOLERANCE, TestScene, scene};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_mapping::importers::hloc::{FeaturesFile, read_pairs};
 
@@ -34,7 +34,7 @@ fn worst(scene: &TestScene, file: &str) -> f64 {
         let n: Vec<f64> = numbers.split(' ').map(|n| n.parse().expect("a number")).collect();
         let pose =
             CameraFromWorld::from_quaternion([n[0], n[1], n[2], n[3]], [n[4], n[5], n[6]]).expect("a pose");
-        pose.translation_error(&scene.pose_of(name))
+        scene.position_error(name, &pose)
     };
     text.lines().map(error).fold(0.0, f64::max)
 }
@@ -57,7 +57,7 @@ fn stored_features_give_the_same_map_and_queries() {
         );
         scene.run(&localize).succeeded();
         let error = worst(scene, &format!("{scheme}.txt"));
-        assert!(error < 0.05, "{scheme}: {error}");
+        assert!(error < POSITION_TOLERANCE, "{scheme}: {error}");
     }
     // Features of the same name are one kind, regardless of the program that extracted them.
     scene.run("map profile file.vmap -o file.vprofile").succeeded();

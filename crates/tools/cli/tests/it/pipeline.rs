@@ -2,22 +2,14 @@
 
 use super::common;
 
-use common::{CAMERA, MAP_VIEWS, QUERIES, TestScene, keys, scene};
+use common::{CAMERA, MAP_VIEWS, QUERIES, TestScene, keys, pose, scene};
 use serde_json::{Value, json};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_protocol::SealedQuery;
 
 /// Rotation (degrees) and translation (map units) between the pose of a document and the true one.
 fn pose_error(document: &Value, truth: &CameraFromWorld) -> (f64, f64) {
-    let numbers = |v: &Value| -> Vec<f64> {
-        v.as_array().expect("an array").iter().map(|x| x.as_f64().expect("a number")).collect()
-    };
-    let (q, t) = (numbers(&document["q"]), numbers(&document["t"]));
-    let pose = CameraFromWorld::from_quaternion(
-        q.try_into().expect("four numbers"),
-        t.try_into().expect("three numbers"),
-    )
-    .expect("a pose");
+    let pose = pose(document);
     (pose.rotation_error_degrees(truth), pose.translation_error(truth))
 }
 

@@ -2,7 +2,7 @@
 
 use super::common;
 
-use common::{CAMERA, scene};
+use common::{CAMERA, POSITION_TOLERANCE, scene};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_map::colmap::read_posed;
 
@@ -53,7 +53,7 @@ fn pose_files_match_json_poses() {
     let truth = [scene.pose_of("query-0.png"), scene.pose_of("query-1.png")];
     for ((_, numbers), truth) in hloc.iter().zip(&truth) {
         let error = pose(numbers).translation_error(truth);
-        assert!(error < 0.05, "{error}");
+        assert!(error < POSITION_TOLERANCE, "{error}");
     }
 
     // The second of the list has no pose, and keeps its index.

@@ -5,7 +5,7 @@ use super::common;
 
 use std::fs;
 
-use common::{MAP_VIEWS, scene};
+use common::{MAP_VIEWS, POSITION_TOLERANCE, pose, scene};
 use serde_json::Value;
 
 fn text(value: &Value) -> String {
@@ -43,16 +43,14 @@ fn regions_localize_queries_of_the_whole_map() {
     for query in ["query-0.png", "query-1.png", "query-2.png"] {
         let sealed = format!("regions-{query}.vquery");
         scene.seal(query, "dcl", &sealed);
-        let truth = scene.pose_of(query).center();
         let trusted = regions.iter().filter(|region| {
             let answer = scene.run(&format!("localize --map {} --json {sealed}", file(region))).json();
             let found = &answer["queries"][0];
             if found["state"] != "trusted" {
                 return false;
             }
-            let center: Vec<f64> = serde_json::from_value(found["center"].clone()).expect("numbers");
-            let off = (0..3).map(|i| (center[i] - truth.coords[i]).powi(2)).sum::<f64>().sqrt();
-            assert!(off < 0.02, "{query}: {off}");
+            let error = scene.position_error(query, &pose(&found["cam_from_world"]));
+            assert!(error < POSITION_TOLERANCE, "{query}: {error}");
             true
         });
         assert!(trusted.count() > 0, "{query} is trusted in no region");

@@ -4,7 +4,7 @@ use super::common;
 
 use std::sync::Once;
 
-use common::{QUERIES, TestScene, scene};
+use common::{POSITION_TOLERANCE, QUERIES, TestScene, pose, scene};
 use serde_json::{Value, json};
 use veiloc_geometry::CameraFromWorld;
 
@@ -46,21 +46,13 @@ fn a_session_gives_one_pose() {
     assert_eq!(run.code, Some(0), "{run}");
     let document = run.json();
     assert_eq!(document["state"], "trusted", "{run}");
-    let numbers = |v: &Value| -> Vec<f64> {
-        v.as_array().map(|a| a.iter().filter_map(Value::as_f64).collect()).unwrap_or_default()
-    };
-    let pose = |v: &Value| {
-        let (q, t) = (numbers(&v["q"]), numbers(&v["t"]));
-        CameraFromWorld::from_quaternion(q.try_into().expect("four"), t.try_into().expect("three"))
-            .expect("a pose")
-    };
     let found = pose(&document["rig_from_world"]);
-    assert!(found.translation_error(&scene.pose_of("query-0.png")) < 0.05, "{run}");
+    assert!(scene.position_error("query-0.png", &found) < POSITION_TOLERANCE, "{run}");
     let frames = document["frames"].as_array().expect("frames");
     assert_eq!(frames.len(), QUERIES);
     for (k, frame) in frames.iter().enumerate() {
-        let truth = scene.pose_of(&format!("query-{k}.png"));
-        assert!(pose(&frame["cam_from_world"]).translation_error(&truth) < 0.05, "{k}: {run}");
+        let error = scene.position_error(&format!("query-{k}.png"), &pose(&frame["cam_from_world"]));
+        assert!(error < POSITION_TOLERANCE, "{k}: {run}");
         assert_eq!(frame["query"], format!("{k}.vquery"));
     }
     let text = scene.run("localize --map place.vmap --rig session/rig.json");
