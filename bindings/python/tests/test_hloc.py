@@ -98,7 +98,7 @@ def read_results(path):
 
 
 def hloc_reference(root, queries):
-    """hloc's `pose_from_cluster` with pycolmap for all queries, copied line by line."""
+    """The steps of hloc's `pose_from_cluster` with pycolmap, for all queries."""
     import pycolmap
     from veiloc.hloc.files import Hdf5, read_queries, read_retrieval
 
