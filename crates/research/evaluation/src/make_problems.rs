@@ -15,7 +15,7 @@ use veiloc_localization::matching::match_points;
 use veiloc_localization::retrieval::retrieve;
 use veiloc_localization::{LocalizeOptions, observe_matches};
 use veiloc_map::{MapFile, PosedImages};
-use veiloc_mapping::{BuildOptions, Input, mask_file};
+use veiloc_mapping::{BuildOptions, Input, OnOtherFrame, mask_file};
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{SealTruth, seal_with_truth};
 use veiloc_pose::Correspondences;
@@ -37,6 +37,8 @@ pub struct ProblemSource<'a> {
     pub query_list: &'a [String],
     /// How the map is built.
     pub build: &'a BuildOptions,
+    /// Treatment of map images whose poses are in another frame than the rest.
+    pub on_other_frame: OnOtherFrame,
     /// Retrieval and matching.
     pub localize: &'a LocalizeOptions,
     /// Masks by image name: masked keypoints are not sent. An image without a mask is used completely.
@@ -72,7 +74,9 @@ pub fn make_problems(
     progress: &dyn Progress,
 ) -> Result<Vec<GeneratedProblem>, EvalError> {
     let queries = posed_queries(source.posed, source.images, source.query_list)?;
-    let input = Input::new(source.posed, source.images).with_names(source.map_list);
+    let input = Input::new(source.posed, source.images)
+        .with_names(source.map_list)
+        .on_other_frame(source.on_other_frame);
     let map = SceneMap::build(&input, source.build, false, None, None, progress)?;
     progress.start("Matching queries", queries.len());
     let lines = queries

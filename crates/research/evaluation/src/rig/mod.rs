@@ -98,7 +98,8 @@ pub fn evaluate_rig(
         StressCondition::SparseMap => subsampled(&scene.map_list),
         _ => scene.map_list.clone(),
     };
-    let input = Input::new(&scene.posed, &scene.images).with_names(&names);
+    let input =
+        Input::new(&scene.posed, &scene.images).with_names(&names).on_other_frame(scene.on_other_frame);
     let SceneMap { file: map, summary, .. } =
         &SceneMap::build(&input, &scene.build, true, scene.keep_map.as_deref(), None, progress)?;
     progress.start("Extracting queries", queries.len());

@@ -106,7 +106,9 @@ fn scene_map(
     if let Some(there) = stored.as_ref().and_then(|stored| stored.open()) {
         return there?.copied_to(keep);
     }
-    let mut input = Input::new(&evaluation.posed, &evaluation.images).with_names(&evaluation.map_list);
+    let mut input = Input::new(&evaluation.posed, &evaluation.images)
+        .with_names(&evaluation.map_list)
+        .on_other_frame(evaluation.on_other_frame);
     let cache = work.map(|work| work.cache(&evaluation.build)).transpose()?;
     if let Some(cache) = &cache {
         input = input.with_cache(cache);

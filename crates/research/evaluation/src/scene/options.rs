@@ -7,8 +7,7 @@ use veiloc_geometry::Intrinsics;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::PosedImages;
 use veiloc_map::regions::SplitOptions;
-use veiloc_mapping::BuildOptions;
-use veiloc_mapping::{image_file, mask_file};
+use veiloc_mapping::{BuildOptions, OnOtherFrame, image_file, mask_file};
 use veiloc_pose::ScoreKind;
 use veiloc_protocol::Scheme;
 
@@ -34,6 +33,8 @@ pub struct SceneEvaluation {
     pub keep_map: Option<PathBuf>,
     /// How the map is built.
     pub build: BuildOptions,
+    /// Treatment of map images whose poses are in another frame than the rest.
+    pub on_other_frame: OnOtherFrame,
     /// Factor by which the map is compressed; `None`: not compressed.
     pub compress: Option<f64>,
     /// How the map is split into regions; each query is then localized in up to three of them, as by a gateway.
@@ -84,6 +85,7 @@ impl SceneEvaluation {
             unposed: Vec::new(),
             keep_map: None,
             build: BuildOptions::default(),
+            on_other_frame: OnOtherFrame::Refuse,
             compress: None,
             regions: None,
             schemes: vec![Scheme::default()],

@@ -75,7 +75,9 @@ pub fn evaluate_stress(
         .transpose()?;
     let down = gravity_source.map(|gravity_source| gravity_source.down());
     let build = |names: &[String]| {
-        let input = Input::new(&evaluation.posed, &evaluation.images).with_names(names);
+        let input = Input::new(&evaluation.posed, &evaluation.images)
+            .with_names(names)
+            .on_other_frame(evaluation.on_other_frame);
         SceneMap::build(&input, &evaluation.build, true, None, down, progress)
     };
     let sparse_names =

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use veiloc_geometry::Intrinsics;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::PosedImages;
-use veiloc_mapping::BuildOptions;
+use veiloc_mapping::{BuildOptions, OnOtherFrame};
 use veiloc_protocol::Scheme;
 
 use super::condition::StressCondition;
@@ -29,6 +29,8 @@ pub struct StressEvaluation {
     pub query_cameras: BTreeMap<String, Intrinsics>,
     /// How the maps are built.
     pub build: BuildOptions,
+    /// Treatment of map images whose poses are in another frame than the rest.
+    pub on_other_frame: OnOtherFrame,
     /// Schemes, in the order of the table.
     pub schemes: Vec<Scheme>,
     /// Conditions, in the order of the table; [`StressCondition::None`] always comes first.
@@ -61,6 +63,7 @@ impl StressEvaluation {
             query_list,
             query_cameras: BTreeMap::new(),
             build: BuildOptions::default(),
+            on_other_frame: OnOtherFrame::Refuse,
             schemes: vec![Scheme::Points, Scheme::RandomLines, Scheme::default()],
             stresses: StressCondition::DEFAULT.to_vec(),
             thresholds: vec![Threshold { translation: 0.05, rotation_deg: 5.0 }, coarse],

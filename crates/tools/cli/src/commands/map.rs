@@ -23,12 +23,13 @@ use veiloc_map::colmap::read_model;
 use veiloc_map::{GravityDirection, MapFile, MapLock, MapModel, PosedImages};
 use veiloc_mapping::build_cache::FolderCache;
 use veiloc_mapping::importers::hloc::{check_pair_name, read_pairs, write_pairs};
-use veiloc_mapping::{Input, MappingError, NameIndex, OnBadImage, OnOtherFrame, VocabularyUpdate};
+use veiloc_mapping::{Input, MappingError, NameIndex, OnBadImage, VocabularyUpdate};
 
 use self::frame::FrameArgs;
 use self::info::InfoOutput;
 use self::self_test::{KeepBrokenArgs, SelfTestArgs};
 use self::sfm::{SfmArgs, SfmModels};
+use crate::commands::frame_check::FrameCheckArgs;
 use crate::commands::posed::{read_posed_input, warn_of};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
@@ -196,10 +197,8 @@ pub(crate) struct ImportArgs {
     /// Folder of the images.
     #[arg(long, value_name = "DIR")]
     images: PathBuf,
-    /// Do not compare groups of images with the rest of the map. For places that look alike, such as two floors of a
-    /// building: images of the one may be localized, wrongly, on the other.
-    #[arg(long)]
-    no_frame_check: bool,
+    #[command(flatten)]
+    check: FrameCheckArgs,
     #[command(flatten)]
     bad: BadImageArgs,
     #[command(flatten)]
@@ -435,10 +434,9 @@ fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
     warn_of(&args.model, colmap.remarks(), ui);
     let options = args.extraction.options()?;
     let posed = PosedImages::from(&colmap);
-    let mut input = Input::new(&posed, &args.images).on_bad_image(args.bad.on_bad_image());
-    if args.no_frame_check {
-        input = input.on_other_frame(OnOtherFrame::Accept);
-    }
+    let input = Input::new(&posed, &args.images)
+        .on_bad_image(args.bad.on_bad_image())
+        .on_other_frame(args.check.on_other_frame());
     let imported = veiloc_mapping::import(&colmap, &input, &options, &Stages::new(ui));
     let (mut model, mut report) = imported.map_err(|error| match error {
         MappingError::OtherFrame { .. } => Failure::with_help(error, frame::REMEDY_OF_IMPORT),

@@ -9,6 +9,7 @@ mod device_args;
 pub(crate) mod eval;
 #[cfg(feature = "hloc")]
 pub(crate) mod features;
+mod frame_check;
 pub(crate) mod image_list;
 pub(crate) mod localize;
 mod logger;

@@ -187,6 +187,34 @@ fn built_images_in_another_frame_are_refused_or_aligned() {
     }
 }
 
+/// An evaluation names the remedy too, and measures what two frames cost.
+#[test]
+fn evaluations_refuse_two_frames() {
+    let scene = scene();
+    let (_, given_from_true) = &other_frames()[0];
+    write_posed(scene, "evaluated", given_from_true);
+    let evaluate = |command: &str, more: &str| {
+        scene.run(&format!(
+            "eval {command} --posed evaluated --images images --map-list map.txt --query-list queries.txt \
+             --max-keypoints 512 --query-keypoints 512 {more}"
+        ))
+    };
+    for (command, more) in [("scene", "--schemes points --json"), ("problems", "-o problems.jsonl")] {
+        let refused = evaluate(command, more);
+        assert_eq!(refused.code, Some(1), "{refused}");
+        for word in ["another frame", BLOCK[0], BLOCK[3], "--no-frame-check"] {
+            assert!(refused.stderr.contains(word), "{word}: {refused}");
+        }
+        let run = evaluate(command, &format!("--no-frame-check {more}")).succeeded();
+        if command == "scene" {
+            let document = run.json();
+            let worst = document["queries"].as_array().expect("a list").iter();
+            let worst = worst.filter_map(|query| query["translation_error"].as_f64()).fold(0.0, f64::max);
+            assert!(worst > 0.2, "{run}");
+        }
+    }
+}
+
 /// The map of the tests itself is built without a refusal; here with the poses of two frames, unchecked.
 #[test]
 fn build_without_comparison_accepts_two_frames() {

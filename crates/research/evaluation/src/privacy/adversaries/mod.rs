@@ -39,6 +39,7 @@ pub fn evaluate_adversaries(
             map_list: &scene.map_list,
             query_list: &scene.query_list,
             build: &scene.build,
+            on_other_frame: scene.on_other_frame,
             localize: &scene.localize,
             masks: &masks_of(&scene.query_list, scene.masks.as_deref()),
             seed: evaluation.seed,

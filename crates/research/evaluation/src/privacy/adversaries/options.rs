@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::PosedImages;
-use veiloc_mapping::BuildOptions;
+use veiloc_mapping::{BuildOptions, OnOtherFrame};
 use veiloc_protocol::Scheme;
 
 use super::adversary::Adversary;
@@ -24,6 +24,8 @@ pub struct AdversaryScene {
     pub query_list: Vec<String>,
     /// How the map is built.
     pub build: BuildOptions,
+    /// Treatment of map images whose poses are in another frame than the rest.
+    pub on_other_frame: OnOtherFrame,
     /// Retrieval and matching.
     pub localize: LocalizeOptions,
     /// Folder of the queries' masks ([`veiloc_mapping::mask_file`]): masked keypoints are not sent. `None`: no masks.

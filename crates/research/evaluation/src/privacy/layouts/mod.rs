@@ -46,6 +46,7 @@ pub fn evaluate_layouts(
         map_list: &stress.map_list,
         query_list: &stress.query_list,
         build: &stress.build,
+        on_other_frame: stress.on_other_frame,
         localize: &stress.localize,
         masks: &BTreeMap::new(),
         seed: stress.seed,

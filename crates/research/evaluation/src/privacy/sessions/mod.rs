@@ -127,7 +127,9 @@ pub fn evaluate_sessions(
     let poses: Vec<CameraFromWorld> = queries.iter().map(|q| q.cam_from_world).collect();
     let attacked = attacked(evaluation, &poses)?;
     let gravity_source = SimulatedGravity::of(&scene.posed, &scene.map_list, 1.0)?;
-    let input = Input::new(&scene.posed, &scene.images).with_names(&scene.map_list);
+    let input = Input::new(&scene.posed, &scene.images)
+        .with_names(&scene.map_list)
+        .on_other_frame(scene.on_other_frame);
     let SceneMap { file: map, summary, .. } =
         &SceneMap::build(&input, &scene.build, true, scene.keep_map.as_deref(), None, progress)?;
     progress.start("Extracting queries", queries.len());

@@ -26,6 +26,7 @@ impl Work {
         key.text(&build.features);
         key.debug(&build.settings);
         key.debug(&build.device);
+        key.debug(&evaluation.on_other_frame);
         key.debug(&gravity_source.map(|gravity_source| gravity_source.down().in_world()));
         key.behaviour(evaluation)?;
         for point in evaluation.posed.points() {

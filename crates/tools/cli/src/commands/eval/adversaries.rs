@@ -7,7 +7,7 @@ use veiloc_evaluation::privacy::adversaries::{
 };
 use veiloc_protocol::Scheme;
 
-use crate::commands::eval::posed_scene::OptionalPosedSceneArgs;
+use crate::commands::eval::posed_scene::{OptionalPosedSceneArgs, with_remedy};
 use crate::commands::posed::read_posed;
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
@@ -94,6 +94,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     if let Some(scene) = args.posed_scene.given() {
         evaluation.scene = Some(AdversaryScene {
             posed: read_posed(&scene.posed, &scene.images, ui)?,
+            on_other_frame: scene.check.on_other_frame(),
             images: scene.images,
             map_list: lists::read_list(&scene.map_list)?,
             query_list: lists::read_list(&scene.query_list)?,
@@ -116,7 +117,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.slow_attacks = !args.quick;
     evaluation.k = args.k as usize;
     evaluation.seed = args.seed;
-    let document = evaluate_adversaries(&evaluation, &Stages::new(ui))?;
+    let document = evaluate_adversaries(&evaluation, &Stages::new(ui)).map_err(with_remedy)?;
     args.json.print(&adversaries_table(&document), &document, ui)?;
     Ok(Exit::Success)
 }

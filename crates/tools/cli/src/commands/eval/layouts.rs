@@ -7,7 +7,7 @@ use veiloc_evaluation::stress::StressCondition;
 use veiloc_protocol::{DclLayout, Scheme};
 use veiloc_report::plots;
 
-use crate::commands::eval::posed_scene::PosedSceneArgs;
+use crate::commands::eval::posed_scene::{PosedSceneArgs, with_remedy};
 use crate::commands::posed::read_posed;
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
@@ -95,6 +95,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let stress = &mut evaluation.stress;
     stress.query_cameras = queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect();
     stress.build = args.extraction.options()?;
+    stress.on_other_frame = args.posed_scene.check.on_other_frame();
     stress.stresses.clone_from(&args.stress);
     stress.localize = args.matching.options(&args.pose);
     stress.seed = args.pose.run.seed;
@@ -107,7 +108,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.attacked = Some(args.max_attacked as usize);
     evaluation.k = args.k as usize;
     evaluation.seeds = args.seeds;
-    let document = evaluate_layouts(&evaluation, &Stages::new(ui))?;
+    let document = evaluate_layouts(&evaluation, &Stages::new(ui)).map_err(with_remedy)?;
     args.json.print(&layouts_table(&document), &document, ui)?;
     if let Some(path) = &args.plot {
         files::write(path, plots::layouts(&document)?.as_bytes())?;

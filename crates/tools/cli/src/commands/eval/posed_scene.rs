@@ -2,6 +2,11 @@
 
 use std::path::PathBuf;
 
+use veiloc_evaluation::EvalError;
+use veiloc_mapping::MappingError;
+
+use crate::commands::frame_check::FrameCheckArgs;
+use crate::exit::Failure;
 use crate::localization_args::positive;
 
 /// A scene with known poses.
@@ -20,6 +25,18 @@ pub(super) struct PosedSceneArgs {
     /// (MODEL W H PARAMS…, as in hloc's query lists), otherwise with the cameras of the model.
     #[arg(long, value_name = "FILE")]
     pub(super) query_list: PathBuf,
+    #[command(flatten)]
+    pub(super) check: FrameCheckArgs,
+}
+
+/// Adds the remedy for a refused frame to the error.
+pub(super) fn with_remedy(error: EvalError) -> Failure {
+    let help = "give poses in one frame; if the named images are of another place that only looks alike, use \
+                --no-frame-check";
+    match error {
+        EvalError::Mapping(MappingError::OtherFrame { .. }) => Failure::with_help(error, help),
+        error => error.into(),
+    }
 }
 
 /// The same arguments if the scene is optional: all or none of them must be given.
@@ -37,6 +54,8 @@ pub(super) struct OptionalPosedSceneArgs {
     /// Names of the attacked images, one per line.
     #[arg(long, value_name = "FILE", requires = "posed")]
     query_list: Option<PathBuf>,
+    #[command(flatten)]
+    check: FrameCheckArgs,
 }
 
 impl OptionalPosedSceneArgs {
@@ -46,6 +65,7 @@ impl OptionalPosedSceneArgs {
             images: self.images.clone()?,
             map_list: self.map_list.clone()?,
             query_list: self.query_list.clone()?,
+            check: self.check,
         })
     }
 }

@@ -6,7 +6,7 @@ use veiloc_datasets::problem_files::json_lines;
 use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints};
 use veiloc_evaluation::{ProblemSource, make_problems, masks_of};
 
-use crate::commands::eval::posed_scene::PosedSceneArgs;
+use crate::commands::eval::posed_scene::{PosedSceneArgs, with_remedy};
 use crate::commands::posed::read_posed;
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
@@ -53,12 +53,16 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         map_list: &lists::read_list(&args.posed_scene.map_list)?,
         query_list: &query_list,
         build: &args.extraction.options()?,
+        on_other_frame: args.posed_scene.check.on_other_frame(),
         localize: &args.matching.localize_options(),
         masks: &masks_of(&query_list, args.masks.as_deref()),
         seed: args.seed,
     };
-    let (lines, images): (Vec<String>, Vec<KeypointImage>) =
-        make_problems(&source, &Stages::new(ui))?.into_iter().map(|made| (made.line, made.keypoints)).unzip();
+    let (lines, images): (Vec<String>, Vec<KeypointImage>) = make_problems(&source, &Stages::new(ui))
+        .map_err(with_remedy)?
+        .into_iter()
+        .map(|made| (made.line, made.keypoints))
+        .unzip();
     let gzip = |path: &Path| path.extension().is_some_and(|e| e == "gz");
     files::write_or_print(&args.out, &json_lines::encode(&lines, gzip(&args.out))?, ui)?;
     if let Some(path) = &args.keypoints {

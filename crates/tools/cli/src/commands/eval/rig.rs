@@ -5,6 +5,7 @@ use std::num::NonZeroUsize;
 use veiloc_evaluation::stress::StressCondition;
 use veiloc_evaluation::{RigEvaluation, evaluate_rig};
 
+use crate::commands::eval::posed_scene::with_remedy;
 use crate::commands::eval::scene::SceneArgs;
 use crate::exit::{Failure, Outcome};
 use crate::stages::Stages;
@@ -54,7 +55,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         max_distance: args.max_distance,
         stress: args.stress,
     };
-    let result = evaluate_rig(&evaluation, &Stages::new(ui))?;
+    let result = evaluate_rig(&evaluation, &Stages::new(ui)).map_err(with_remedy)?;
     if let Some(map) = &result.map {
         ui.info(format!("map: {} images, {} points", map.images, map.points));
     }

@@ -8,7 +8,7 @@ use veiloc_map::regions::SplitOptions;
 use veiloc_report::LengthUnit;
 
 use crate::commands::eval::html::{self, HtmlArgs};
-use crate::commands::eval::posed_scene::{GravityArgs, PosedSceneArgs};
+use crate::commands::eval::posed_scene::{GravityArgs, PosedSceneArgs, with_remedy};
 use crate::commands::eval::report::ReportArgs;
 use crate::commands::posed::read_posed;
 use crate::exit::{Failure, Outcome};
@@ -91,6 +91,7 @@ impl SceneArgs {
             query_cameras: queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect(),
             keep_map: self.keep_map.as_deref().map(Path::to_owned),
             build: self.extraction.options()?,
+            on_other_frame: self.posed_scene.check.on_other_frame(),
             schemes: self.report.schemes.clone(),
             scores: self.report.scores(&self.pose.engine),
             thresholds: self.report.thresholds.clone(),
@@ -173,7 +174,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     if let Some(report) = &report {
         report.keep_map(&mut evaluation);
     }
-    let result = evaluate_scene(&evaluation, &Stages::new(ui))?;
+    let result = evaluate_scene(&evaluation, &Stages::new(ui)).map_err(with_remedy)?;
     if let Some(map) = &result.map {
         ui.info(format!(
             "map: {} images, {} points, {:.1} MB ({:.0} bytes per point), built in {:.1} s ({:.2} s per image)",

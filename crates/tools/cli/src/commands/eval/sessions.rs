@@ -5,6 +5,7 @@ use std::num::NonZeroUsize;
 use veiloc_evaluation::privacy::sessions::{Motion, SessionsEvaluation, evaluate_sessions, table};
 use veiloc_obfuscation::{SessionAnchors, SessionOptions};
 
+use crate::commands::eval::posed_scene::with_remedy;
 use crate::commands::eval::scene::SceneArgs;
 use crate::exit::{Exit, Outcome};
 use crate::stages::Stages;
@@ -78,7 +79,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             .with_step(args.step.unwrap_or(default.step))
             .with_memory(default.memory && !args.no_memory),
     };
-    let document = evaluate_sessions(&evaluation, &Stages::new(ui))?;
+    let document = evaluate_sessions(&evaluation, &Stages::new(ui)).map_err(with_remedy)?;
     ui.info(format!("map: {} images, {} points", document.map.images, document.map.points));
     args.scene.report.print(&table(&document), &document, ui)?;
     let localized = document.frames.iter().any(|f| f.summary.localized > 0);

@@ -4,7 +4,7 @@ use veiloc_evaluation::results::metrics::Threshold;
 use veiloc_evaluation::stress::{StressCondition, StressEvaluation, evaluate_stress, table};
 use veiloc_protocol::Scheme;
 
-use crate::commands::eval::posed_scene::{GravityArgs, PosedSceneArgs};
+use crate::commands::eval::posed_scene::{GravityArgs, PosedSceneArgs, with_remedy};
 use crate::commands::posed::read_posed;
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
@@ -83,6 +83,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     );
     evaluation.query_cameras = queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect();
     evaluation.build = args.extraction.options()?;
+    evaluation.on_other_frame = args.posed_scene.check.on_other_frame();
     evaluation.schemes.clone_from(&args.schemes);
     evaluation.stresses.clone_from(&args.stress);
     evaluation.thresholds.clone_from(&args.thresholds);
@@ -92,7 +93,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.from_truth = args.optimum;
     evaluation.oracle_radius_px = args.oracle_radius;
     evaluation.seed = args.pose.run.seed;
-    let result = evaluate_stress(&evaluation, &Stages::new(ui))?;
+    let result = evaluate_stress(&evaluation, &Stages::new(ui)).map_err(with_remedy)?;
     ui.info(format!("map: {} images, {} points", result.map.images, result.map.points));
     if let Some(sparse) = &result.sparse_map {
         ui.info(format!(

@@ -3,6 +3,7 @@
 use serde::Serialize;
 use veiloc_mapping::{FrameReport, OnOtherFrame, OtherFrame};
 
+use crate::commands::frame_check::FrameCheckArgs;
 use crate::ui::Ui;
 
 /// Treatment of images whose poses are in another frame.
@@ -12,19 +13,13 @@ pub(super) struct FrameArgs {
     /// transform them to the frame of the map. Default: refuse, and name the images and the distance.
     #[arg(long, conflicts_with = "no_frame_check")]
     align: bool,
-    /// Do not compare the poses of images with the frame of the map. For places that look alike, such as two floors of
-    /// a building: images of the one may be localized, wrongly, in the other.
-    #[arg(long)]
-    no_frame_check: bool,
+    #[command(flatten)]
+    check: FrameCheckArgs,
 }
 
 impl FrameArgs {
     pub(super) const fn on_other_frame(&self) -> OnOtherFrame {
-        match (self.align, self.no_frame_check) {
-            (true, _) => OnOtherFrame::Align,
-            (_, true) => OnOtherFrame::Accept,
-            _ => OnOtherFrame::Refuse,
-        }
+        if self.align { OnOtherFrame::Align } else { self.check.on_other_frame() }
     }
 }
 

@@ -44,6 +44,7 @@ impl AttackArgs {
             map_list: scene.map_list.clone(),
             query_list: scene.query_list.clone(),
             build: scene.build.clone(),
+            on_other_frame: scene.on_other_frame,
             localize: scene.localize.clone(),
             masks: None,
         });

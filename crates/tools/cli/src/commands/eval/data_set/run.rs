@@ -8,6 +8,7 @@ use veiloc_evaluation::results::{
 };
 use veiloc_evaluation::{SceneEvaluation, evaluate_scene};
 use veiloc_map::{PosedImage, PosedImages};
+use veiloc_mapping::OnOtherFrame;
 use veiloc_pose::{AnchoredSolver, ScoreKind};
 use veiloc_report::LengthUnit;
 
@@ -149,6 +150,8 @@ fn scene_evaluation(
     Ok(SceneEvaluation {
         unposed: unknown.iter().map(|query| (query.name.clone(), query.camera)).collect(),
         build: args.build()?,
+        // All poses of a data set are in one frame; some of its places look alike.
+        on_other_frame: OnOtherFrame::Accept,
         schemes: args.schemes.clone(),
         scores: localize.pose.score.into_iter().collect(),
         thresholds: args.thresholds(data_set.thresholds),
