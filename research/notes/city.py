@@ -87,7 +87,7 @@ def compute(args):
             continue
         names = args.out / f"map-{name}.txt"
         names.write_text("\n".join(images) + "\n")
-        # Rooms that look alike would be taken for one room in two frames. One query at a time: its time is a figure of the table.
+        # Two rooms that look alike would be refused as one room in two frames. One query at a time: its time is in the table.
         taken = run([args.veiloc, "eval", "scene", "--posed", args.out / "posed", "--images", args.out / "images", "--map-list", names,
                      "--query-list", args.out / "queries.txt", "--no-frame-check", "--max-keypoints", args.keypoints, "--query-keypoints", 1024,
                      "--schemes", ",".join(SCHEMES), "--thresholds", "0.02/2,0.05/5", "--work", args.out / "work",

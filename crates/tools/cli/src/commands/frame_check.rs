@@ -1,6 +1,10 @@
-//! The flag of commands that build a map from given poses, and the remedy for places that look alike.
+//! The flag of commands that build a map from given poses, and its use as a remedy.
 
 use veiloc_mapping::OnOtherFrame;
+
+/// The remedy for images of another place that are localized in the map.
+pub(in crate::commands) const REMEDY_OF_LOOK_ALIKES: &str =
+    "if the images are of another place that only looks alike, use --no-frame-check";
 
 /// Whether poses are compared with the frame of the map.
 #[derive(Debug, Clone, Copy, clap::Args)]

@@ -29,7 +29,7 @@ use self::frame::FrameArgs;
 use self::info::InfoOutput;
 use self::self_test::{KeepBrokenArgs, SelfTestArgs};
 use self::sfm::{SfmArgs, SfmModels};
-use crate::commands::frame_check::FrameCheckArgs;
+use crate::commands::frame_check::{FrameCheckArgs, REMEDY_OF_LOOK_ALIKES};
 use crate::commands::posed::{read_posed_input, warn_of};
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
@@ -547,7 +547,7 @@ fn with_remedy(error: MappingError) -> Failure {
             "repair them, remove them from the list, or leave them out with --skip-bad",
         ),
         MappingError::OtherFrame { .. } => Failure::with_help(error, frame::REMEDY),
-        MappingError::PosesDisagree { .. } => Failure::with_help(error, frame::REMEDY_OF_POSES),
+        MappingError::PosesDisagree { .. } => Failure::with_help(error, REMEDY_OF_LOOK_ALIKES),
         error => error.into(),
     }
 }

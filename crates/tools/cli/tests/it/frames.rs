@@ -187,7 +187,7 @@ fn built_images_in_another_frame_are_refused_or_aligned() {
     }
 }
 
-/// An evaluation names the remedy too, and measures what two frames cost.
+/// An evaluation names the remedy too; with the flag, its errors show the second frame.
 #[test]
 fn evaluations_refuse_two_frames() {
     let scene = scene();

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use veiloc_evaluation::EvalError;
 use veiloc_mapping::MappingError;
 
-use crate::commands::frame_check::FrameCheckArgs;
+use crate::commands::frame_check::{FrameCheckArgs, REMEDY_OF_LOOK_ALIKES};
 use crate::exit::Failure;
 use crate::localization_args::positive;
 
@@ -31,10 +31,10 @@ pub(super) struct PosedSceneArgs {
 
 /// Adds the remedy for a refused frame to the error.
 pub(super) fn with_remedy(error: EvalError) -> Failure {
-    let help = "give poses in one frame; if the named images are of another place that only looks alike, use \
-                --no-frame-check";
     match error {
-        EvalError::Mapping(MappingError::OtherFrame { .. }) => Failure::with_help(error, help),
+        EvalError::Mapping(MappingError::OtherFrame { .. }) => {
+            Failure::with_help(error, format!("give poses in one frame; {REMEDY_OF_LOOK_ALIKES}"))
+        }
         error => error.into(),
     }
 }

@@ -27,10 +27,6 @@ impl FrameArgs {
 pub(super) const REMEDY: &str = "give poses in one frame, or transform those of the named images with --align; if \
                                  they are of another place that only looks alike, use --no-frame-check";
 
-/// The remedy for poses that disagree without a common frame.
-pub(super) const REMEDY_OF_POSES: &str =
-    "if the images are of another place that only looks alike, use --no-frame-check";
-
 /// The remedies for a model with a group of images in another frame.
 pub(super) const REMEDY_OF_IMPORT: &str = "build the map with map build --align, which transforms the named images and \
                                            triangulates the points anew; if they are of another place that only \
