@@ -20,7 +20,7 @@ use veiloc_obfuscation::{SealError, SealOptions, extract_loaded};
 use veiloc_protocol::Scheme;
 
 use crate::error::EvalError;
-use crate::pipeline::{decode_and_localize, seal_query, with_extractors};
+use crate::pipeline::{SimulatedGravity, decode_and_localize, seal_query, with_extractors};
 use camera::camera_of;
 
 pub use camera::CameraSource;
@@ -38,6 +38,9 @@ pub struct NegativesEvaluation {
     pub localize: LocalizeOptions,
     /// Seed of sealing.
     pub seed: u64,
+    /// Seals each query with a random gravity direction of this stated standard deviation, degrees; the map needs a
+    /// direction of gravity. `None`: without gravity.
+    pub random_gravity_sd_deg: Option<f64>,
     /// Extractors for the features of the map, as on a device.
     pub extractors: Extractors,
     /// Extractor of global image descriptors, if the map uses them. The evaluator owns the images, so consent is
@@ -83,6 +86,12 @@ pub fn evaluate_negatives(
     if evaluation.images.is_empty() || evaluation.schemes.is_empty() {
         return Err(EvalError::Options("no image or scheme to evaluate".to_owned()));
     }
+    if evaluation.random_gravity_sd_deg.is_some() && map.down().is_none() {
+        return Err(EvalError::Options(
+            "the map has no direction of gravity, so that of queries would not be used; build it with --down"
+                .to_owned(),
+        ));
+    }
     progress.start("Localizing negatives", evaluation.images.len());
     let one = |image: &NegativeImage| {
         let answers = answers(map, image, evaluation);
@@ -118,8 +127,11 @@ fn answers(
     let profile = map.profile();
     let extraction = evaluation.seal_options(Scheme::default());
     let (features, camera) = extract_loaded(loaded, &image.path, &known.intrinsics, profile, &extraction)?;
+    let gravity = evaluation
+        .random_gravity_sd_deg
+        .and_then(|sd_deg| SimulatedGravity::random(&image.name, sd_deg, evaluation.seed));
     let answer = |scheme: &Scheme| {
-        let options = evaluation.seal_options(*scheme).with_focal(known.focal);
+        let options = evaluation.seal_options(*scheme).with_focal(known.focal).with_gravity(gravity);
         let sent = seal_query(&features, &camera, profile, &options, &image.name, evaluation.seed);
         match sent {
             Ok(sent) => NegativeQuery::answered(

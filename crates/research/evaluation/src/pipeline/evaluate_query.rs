@@ -4,7 +4,7 @@ use crate::results::{QueryResult, QueryUncertainty, SentDocument};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapFile;
-use veiloc_pose::{ScoreKind, State};
+use veiloc_pose::ScoreKind;
 use veiloc_protocol::Scheme;
 
 use super::posed_query::{EvaluatedQuery, PosedQuery};
@@ -75,7 +75,7 @@ fn compare_with_truth(
             result.inliers = found.inlier_pairs;
             result.correspondences = found.pairs;
             result.hypotheses = found.hypotheses;
-            result.trusted = Some(found.state == State::Trusted);
+            result = result.judged(found.state, &found.confidence);
             result.ms.insert("retrieve".to_owned(), found.times.retrieve_ms);
             result.ms.insert("match".to_owned(), found.times.match_ms);
             result.ms.insert("pose".to_owned(), found.times.pose_ms);

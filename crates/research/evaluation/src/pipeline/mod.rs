@@ -21,4 +21,4 @@ pub(crate) use progressive::send_and_localize;
 pub use scene_map::SceneMap;
 pub(crate) use served_map::ServedMap;
 pub(crate) use server::{LocalizeResult, decode_and_localize};
-pub use simulated_gravity::SimulatedGravity;
+pub use simulated_gravity::{GravityNoise, SimulatedGravity};

@@ -268,8 +268,9 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
             result.inliers = estimate.inlier_count;
             result.hypotheses = estimate.hypotheses;
             // Trust is meaningless for an estimate that starts from the truth.
-            result.trusted = row.from_truth.is_none().then(|| estimate.confidence.is_trusted());
-            result.state = row.from_truth.is_none().then(|| estimate.confidence.state());
+            if row.from_truth.is_none() {
+                result = result.judged(estimate.confidence.state(), &estimate.confidence);
+            }
             let covariance = &estimate.covariance;
             result.uncertainty = Some(QueryUncertainty::of(&estimate.cam_from_world, covariance, truth));
         }

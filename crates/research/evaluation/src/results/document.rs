@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use veiloc_geometry::CameraFromWorld;
-use veiloc_pose::{ScoreKind, State};
+use veiloc_pose::{Confidence, ScoreKind, State};
 use veiloc_protocol::Scheme;
 
 use crate::results::metrics::{PoseErrors, finite};
@@ -190,6 +190,9 @@ pub struct QueryResult {
     )]
     #[cfg_attr(feature = "schema", schemars(with = "Option<String>"))]
     pub state: Option<State>,
+    /// Why the pose is not trusted, in words; absent when it is, or without a pose.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub doubts: Vec<String>,
     /// Whether the true pose is known. If not, the query has no errors and counts only in the numbers of queries and
     /// states. Absent when true.
     #[serde(default = "yes", skip_serializing_if = "is_true")]
@@ -379,6 +382,7 @@ impl QueryResult {
             cam_from_world: None,
             trusted: None,
             state: None,
+            doubts: Vec::new(),
             has_ground_truth: true,
             rotation_error_deg: None,
             translation_error: None,
@@ -406,6 +410,14 @@ impl QueryResult {
         self.cam_from_world = Some(PoseDocument::of(estimate));
         self.rotation_error_deg = finite(error.rotation_deg);
         self.translation_error = finite(error.translation);
+        self
+    }
+
+    /// Sets what the estimator says about its pose.
+    pub(crate) fn judged(mut self, state: State, confidence: &Confidence) -> Self {
+        self.trusted = Some(state == State::Trusted);
+        self.state = Some(state);
+        self.doubts = confidence.doubts().iter().map(ToString::to_string).collect();
         self
     }
 

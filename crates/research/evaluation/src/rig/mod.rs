@@ -16,7 +16,7 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_localization::localize_rig;
 use veiloc_map::MapFile;
 use veiloc_mapping::Input;
-use veiloc_pose::{ScoreKind, State};
+use veiloc_pose::ScoreKind;
 use veiloc_protocol::{Scheme, SealedFrame, SealedQuery};
 
 use crate::error::EvalError;
@@ -205,7 +205,7 @@ fn localize_sequence(
             result.inliers = found.frames.iter().map(|f| f.inlier_pairs).sum();
             result.correspondences = found.frames.iter().map(|f| f.pairs).sum();
             result.hypotheses = found.hypotheses;
-            result.trusted = Some(found.state == State::Trusted);
+            result = result.judged(found.state, &found.confidence);
             result.ms.insert("retrieve".to_owned(), found.times.retrieve_ms);
             result.ms.insert("match".to_owned(), found.times.match_ms);
             result.ms.insert("pose".to_owned(), found.times.pose_ms);

@@ -49,9 +49,9 @@ pub fn evaluate_scene(
 
     let queries: Vec<EvaluatedQuery> =
         queries.into_iter().map(EvaluatedQuery::from).chain(evaluation.unposed()).collect();
-    let gravity_source = evaluation.gravity_sd_deg;
+    let gravity_source = evaluation.gravity;
     let gravity_source = gravity_source
-        .map(|sd| SimulatedGravity::of(&evaluation.posed, &evaluation.map_list, sd))
+        .map(|noise| SimulatedGravity::of(&evaluation.posed, &evaluation.map_list, noise))
         .transpose()?;
     let work = evaluation.work.as_deref().map(Work::in_folder).transpose()?;
     let keep = evaluation.keep_map.as_deref();

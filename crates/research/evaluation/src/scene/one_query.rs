@@ -78,7 +78,7 @@ pub(super) fn localize_query(
                 fixed_hypotheses: evaluation.localize.pose.fixed_hypotheses,
                 gravity: gravity_source.map(|gravity_source| match gravity {
                     None => "none".to_owned(),
-                    Some(_) => gravity_source.sd_deg().to_string(),
+                    Some(_) => gravity_source.noise().to_string(),
                 }),
                 ..EstimatorVariant::default()
             };

@@ -11,7 +11,7 @@ use veiloc_mapping::{BuildOptions, OnOtherFrame, image_file, mask_file};
 use veiloc_pose::ScoreKind;
 use veiloc_protocol::Scheme;
 
-use crate::pipeline::{EvaluatedQuery, QueryTransmission};
+use crate::pipeline::{EvaluatedQuery, GravityNoise, QueryTransmission};
 use crate::results::metrics::Threshold;
 
 /// Inputs and options.
@@ -50,7 +50,7 @@ pub struct SceneEvaluation {
     pub localize: LocalizeOptions,
     /// Standard deviation of an accelerometer, degrees: the map gets a down direction, and every query is sealed
     /// without and with gravity. `None`: no gravity.
-    pub gravity_sd_deg: Option<f64>,
+    pub gravity: Option<GravityNoise>,
     /// Folder of the queries' masks ([`veiloc_mapping::mask_file`]): masked keypoints are not sent. `None`: no masks.
     pub masks: Option<PathBuf>,
     /// How queries are sent.
@@ -92,7 +92,7 @@ impl SceneEvaluation {
             scores: Vec::new(),
             thresholds: Vec::new(),
             localize: LocalizeOptions::default(),
-            gravity_sd_deg: None,
+            gravity: None,
             masks: None,
             transmission: QueryTransmission::Whole,
             negatives: None,

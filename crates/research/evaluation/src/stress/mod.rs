@@ -69,9 +69,9 @@ pub fn evaluate_stress(
         &evaluation.query_cameras,
     )?;
     let stresses = evaluation.ordered();
-    let gravity_source = evaluation.gravity_sd_deg;
+    let gravity_source = evaluation.gravity;
     let gravity_source = gravity_source
-        .map(|sd| SimulatedGravity::of(&evaluation.posed, &evaluation.map_list, sd))
+        .map(|noise| SimulatedGravity::of(&evaluation.posed, &evaluation.map_list, noise))
         .transpose()?;
     let down = gravity_source.map(|gravity_source| gravity_source.down());
     let build = |names: &[String]| {
@@ -159,7 +159,8 @@ fn under_each(
                     evaluation.from_truth.then_some(TruthStartErrors::UNSEALED),
                 ),
             };
-            let gravity_sd_deg = gravity_source.filter(|_| gravity.is_some()).map(SimulatedGravity::sd_deg);
+            let gravity_sd_deg =
+                gravity_source.filter(|_| gravity.is_some()).map(|source| source.noise().sd_deg);
             results.push(StressQuery { gravity_sd_deg, ..result });
         }
     }

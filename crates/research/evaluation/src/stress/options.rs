@@ -10,6 +10,7 @@ use veiloc_mapping::{BuildOptions, OnOtherFrame};
 use veiloc_protocol::Scheme;
 
 use super::condition::StressCondition;
+use crate::pipeline::GravityNoise;
 use crate::pose::ORACLE_RADIUS_PX;
 use crate::results::metrics::Threshold;
 
@@ -41,8 +42,8 @@ pub struct StressEvaluation {
     pub wrong_threshold: Threshold,
     /// Localization.
     pub localize: LocalizeOptions,
-    /// As [`SceneEvaluation::gravity_sd_deg`](crate::SceneEvaluation::gravity_sd_deg).
-    pub gravity_sd_deg: Option<f64>,
+    /// As [`SceneEvaluation::gravity`](crate::SceneEvaluation::gravity).
+    pub gravity: Option<GravityNoise>,
     /// Whether to optimize from the true pose as well, to find the losses of the search
     /// ([`TruthStartErrors`](super::TruthStartErrors)).
     pub from_truth: bool,
@@ -69,7 +70,7 @@ impl StressEvaluation {
             thresholds: vec![Threshold { translation: 0.05, rotation_deg: 5.0 }, coarse],
             wrong_threshold: coarse,
             localize: LocalizeOptions::default(),
-            gravity_sd_deg: None,
+            gravity: None,
             from_truth: false,
             oracle_radius_px: ORACLE_RADIUS_PX,
             seed: 0,

@@ -93,6 +93,7 @@ fn out_of_map_images_are_not_trusted(data: &Path) {
         schemes: vec![Scheme::Points, Scheme::default()],
         localize: LocalizeOptions::default(),
         seed: 0,
+        random_gravity_sd_deg: None,
         extractors: Extractors::for_sealing(),
         global: None,
     };

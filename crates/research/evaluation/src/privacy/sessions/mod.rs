@@ -23,7 +23,7 @@ mod motion;
 mod table;
 
 use crate::EvalError;
-use crate::pipeline::{PosedQuery, SceneMap, SimulatedGravity, queries_of_scene};
+use crate::pipeline::{GravityNoise, PosedQuery, SceneMap, SimulatedGravity, queries_of_scene};
 use crate::results::{QueryResult, summarize};
 use crate::{SceneEvaluation, sequence_of};
 use rayon::prelude::*;
@@ -42,6 +42,9 @@ use localized_frame::LocalizedFrame;
 pub use document::{FramesFigures, SessionRow, SessionsDocument};
 pub use motion::{Motion, MotionError};
 pub use table::table;
+
+/// The accelerometer of the devices.
+const SESSION_SENSOR: GravityNoise = GravityNoise { sd_deg: 1.0, wrong_by_deg: 0.0 };
 
 /// Inputs and options.
 #[derive(Debug, Clone)]
@@ -126,7 +129,7 @@ pub fn evaluate_sessions(
     )?;
     let poses: Vec<CameraFromWorld> = queries.iter().map(|q| q.cam_from_world).collect();
     let attacked = attacked(evaluation, &poses)?;
-    let gravity_source = SimulatedGravity::of(&scene.posed, &scene.map_list, 1.0)?;
+    let gravity_source = SimulatedGravity::of(&scene.posed, &scene.map_list, SESSION_SENSOR)?;
     let input = Input::new(&scene.posed, &scene.images)
         .with_names(&scene.map_list)
         .on_other_frame(scene.on_other_frame);

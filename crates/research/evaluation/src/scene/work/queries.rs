@@ -32,7 +32,7 @@ impl Work {
         base.debug(&evaluation.scores);
         base.debug(&evaluation.localize);
         base.debug(&evaluation.transmission);
-        base.debug(&evaluation.gravity_sd_deg);
+        base.debug(&evaluation.gravity);
         base.debug(&evaluation.masks.is_some());
         base.debug(&evaluation.seed);
         if let Some(regions) = &evaluation.regions {

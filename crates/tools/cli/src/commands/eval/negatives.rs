@@ -19,7 +19,7 @@ use crate::global_args::MapGlobalArgs;
 use crate::items::{self, BatchSummary, InputError, Item, SkipArgs};
 use crate::json_args::JsonArgs;
 use crate::lists;
-use crate::localization_args::{MatchArgs, PoseArgs};
+use crate::localization_args::{MatchArgs, PoseArgs, positive};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -51,6 +51,10 @@ pub(crate) struct Args {
     /// Schemes to compare.
     #[arg(long, value_delimiter = ',', default_value = "points,random-lines,dcl", value_name = "SCHEME,…")]
     schemes: Vec<Scheme>,
+    /// Seal each query with a random gravity direction of this stated standard deviation, degrees: it must not make a pose
+    /// trusted. The map needs a direction of gravity (`map build --down`). Default: without gravity.
+    #[arg(long, value_name = "SD_DEG", value_parser = positive)]
+    random_gravity: Option<f64>,
     #[command(flatten)]
     features: MapFeatureArgs,
     #[command(flatten)]
@@ -118,6 +122,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         schemes: args.schemes.clone(),
         localize: args.matching.options(&args.pose),
         seed: args.pose.run.seed,
+        random_gravity_sd_deg: args.random_gravity,
         extractors: args.features.extractors(map.profile())?.sealing(),
         global: args.global.extractor(&args.features.models(), map.profile())?,
     };

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use veiloc_evaluation::EvalError;
+use veiloc_evaluation::pipeline::GravityNoise;
 use veiloc_mapping::MappingError;
 
 use crate::commands::frame_check::{FrameCheckArgs, REMEDY_OF_LOOK_ALIKES};
 use crate::exit::Failure;
-use crate::localization_args::positive;
 
 /// A scene with known poses.
 #[derive(clap::Args)]
@@ -74,8 +74,9 @@ impl OptionalPosedSceneArgs {
 #[derive(clap::Args)]
 pub(super) struct GravityArgs {
     /// Also evaluate with gravity: the map gets the direction of gravity, and every query is sealed a second time with
-    /// the measurement of an accelerometer of this standard deviation at its true pose, degrees, at most 16. Default:
-    /// without gravity.
-    #[arg(long = "gravity", value_name = "SD_DEG", value_parser = positive)]
-    pub(super) sd_deg: Option<f64>,
+    /// the measurement of an accelerometer of this standard deviation at its true pose, degrees, at most 16. A second
+    /// number rotates each measurement by this angle too, as of a device that accelerates or lies. Default: without
+    /// gravity.
+    #[arg(long = "gravity", value_name = "SD_DEG[,ERROR_DEG]")]
+    pub(super) gravity_noise: Option<GravityNoise>,
 }

@@ -157,7 +157,7 @@ fn above_one(text: &str) -> Result<f64, String> {
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let mut evaluation = SceneEvaluation {
-        gravity_sd_deg: args.gravity.sd_deg,
+        gravity: args.gravity.gravity_noise,
         negatives: args.negatives.negatives(ui)?,
         masks: args.masks.clone(),
         work: args.work.as_deref().map(Path::to_owned),

@@ -89,7 +89,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.thresholds.clone_from(&args.thresholds);
     evaluation.wrong_threshold = args.wrong_threshold;
     evaluation.localize = args.matching.options(&args.pose);
-    evaluation.gravity_sd_deg = args.gravity.sd_deg;
+    evaluation.gravity = args.gravity.gravity_noise;
     evaluation.from_truth = args.optimum;
     evaluation.oracle_radius_px = args.oracle_radius;
     evaluation.seed = args.pose.run.seed;
