@@ -76,7 +76,9 @@ impl HalvesLayout {
 }
 
 impl DclLayout {
-    /// The paper's default: vertical midline, anchors in the middle of the top and bottom edge (`s = 1`).
+    /// The default: slanted strips ([`SectorLayout::SLANTED`]).
+    pub const DEFAULT: Self = Self::Sectors(SectorLayout::SLANTED);
+    /// The paper's: vertical midline, anchors in the middle of the top and bottom edge (`s = 1`).
     pub const VERTICAL: Self =
         Self::Halves(HalvesLayout { angle_code: HalvesLayout::QUARTER_TURN, distance_code: 100 });
     /// Horizontal midline, `s = 1`: the first anchor to the left of the centre serves the lower half.
@@ -129,10 +131,10 @@ impl DclLayout {
     }
 }
 
-/// [`DclLayout::VERTICAL`].
+/// [`DclLayout::DEFAULT`].
 impl Default for DclLayout {
     fn default() -> Self {
-        Self::VERTICAL
+        Self::DEFAULT
     }
 }
 
@@ -180,7 +182,7 @@ mod tests {
         };
         assert_eq!((layout.degrees(), layout.s()), (30.0, 2.0));
         assert_eq!(DclLayout::halves(179.999, 1.0).expect("allowed"), DclLayout::HORIZONTAL);
-        assert_eq!(DclLayout::halves(90.0, 1.0).expect("allowed"), DclLayout::default());
+        assert_eq!(DclLayout::halves(90.0, 1.0).expect("allowed"), DclLayout::VERTICAL);
         for (degrees, s) in
             [(180.0, 1.0), (-1.0, 1.0), (f64::NAN, 1.0), (90.0, 0.0), (90.0, 21.0), (90.0, f64::INFINITY)]
         {

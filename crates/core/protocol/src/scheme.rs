@@ -14,7 +14,7 @@ use crate::{DclLayout, HalvesLayout, QueryError, SectorLayout};
 /// | `coordinate-permutation` | a position with one of its two coordinates exchanged with another keypoint's | Pan et al., 2023 |
 /// | `dcl` | one of two anchors and the angle of the line to it | Dual Convergent Lines, CVPR 2026 |
 ///
-/// As text: the names above; `dcl` may be followed by a colon and a layout. The layout is `paper`; or, separated by
+/// As text: the names above; `dcl` alone has its default layout, or a colon and a layout follow. The layout is `paper`; or, separated by
 /// colons or commas, `vertical`, `horizontal` or `angle=DEGREES` (dividing line), and `s=NUMBER` (anchor distance in
 /// half image heights); or a [`SectorLayout`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -32,7 +32,7 @@ pub enum Scheme {
 impl Scheme {
     /// Every scheme once, `dcl` with its default layout.
     pub const ALL: [Self; 4] =
-        [Self::Points, Self::RandomLines, Self::CoordinatePermutation, Self::Dcl(DclLayout::VERTICAL)];
+        [Self::Points, Self::RandomLines, Self::CoordinatePermutation, Self::Dcl(DclLayout::DEFAULT)];
 
     /// The name without layout.
     pub const fn name(self) -> &'static str {
@@ -138,7 +138,7 @@ impl Scheme {
 /// `dcl` with its default layout.
 impl Default for Scheme {
     fn default() -> Self {
-        Self::Dcl(DclLayout::VERTICAL)
+        Self::Dcl(DclLayout::DEFAULT)
     }
 }
 
@@ -219,6 +219,7 @@ mod tests {
             "random-lines",
             "coordinate-permutation",
             "dcl",
+            "dcl:paper",
             "dcl:horizontal",
             "dcl:angle=30",
             "dcl:s=2",

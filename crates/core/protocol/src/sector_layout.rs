@@ -57,6 +57,20 @@ const MAX_SECTORS: u8 = 120;
 const FIELD: &str = "layout";
 
 impl SectorLayout {
+    /// The default of `dcl`: slanted strips 15° wide, anchors above right and below left of the image's centre, on the line
+    /// through it along the strips. How it was chosen: `docs/decisions/0058-the-default-layout-by-absolute-errors.md`.
+    pub const SLANTED: Self = Self {
+        anchors: [
+            AnchorCode::At(300, -420),
+            AnchorCode::At(-470, 650),
+            AnchorCode::At(0, 0),
+            AnchorCode::At(0, 0),
+        ],
+        count: 2,
+        sectors: SectorCode { axis: 12_600, count: 24, shift: 0 },
+        across: None,
+    };
+
     /// Bytes of a layout on the wire.
     pub(crate) const BYTES: usize = 2 + 4 * Anchor::MAX_COUNT + 2 * 4;
 

@@ -48,7 +48,7 @@ const MORE_IMAGES: usize = 10;
 /// Images that a piece of advice names.
 const NAMED: usize = 8;
 
-const SCHEMES: [Scheme; 2] = [Scheme::Points, Scheme::Dcl(DclLayout::VERTICAL)];
+const SCHEMES: [Scheme; 2] = [Scheme::Points, Scheme::Dcl(DclLayout::DEFAULT)];
 
 pub(super) fn run(args: &ViewArgs, ui: &Ui) -> Outcome {
     let map = MapFile::open(&args.map)?;
