@@ -16,7 +16,7 @@ pub struct Answer {
 /// A reason not to trust a pose.
 #[derive(Debug, Clone, PartialEq, Eq, uniffi::Record)]
 pub struct Doubt {
-    /// `weak-evidence`, `ambiguous`, `loosely-held`, `one-sided` or `other`.
+    /// `weak-evidence`, `ambiguous`, `imprecise`, `one-sided` or `other`.
     pub kind: String,
     /// For developers, in English. `advice` has words for users.
     pub text: String,

@@ -24,7 +24,7 @@ use veiloc_geometry::nalgebra::{Matrix3, Matrix6, Vector3};
 use veiloc_geometry::statistics::upper_median;
 use veiloc_geometry::{Anchor, CameraFromWorld};
 
-use crate::likelihood::{Correspondences, Matches, Symmetric6};
+use crate::likelihood::{Correspondences, GravityAgreement, Matches, Symmetric6};
 use crate::ransac::half_planes::direction;
 
 /// Minimum log evidence of a trusted pose from lines: once in three million by chance. Of 1,550 out-of-map images none
@@ -50,12 +50,19 @@ pub(crate) const MIN_RIVAL_SHARE: f64 = 0.2;
 /// 60,000 of normally distributed errors.
 const MAX_POSITION_DEVIATION: f64 = 5.0;
 
-/// Largest standard deviation of a trusted camera centre, relative to the distance of the observed points.
-const MAX_RELATIVE_SD: f64 = 0.05;
+/// Largest deviation of a gravity direction from that of a trusted pose, in standard deviations of both: beyond are one in
+/// 3,000 right ones.
+const MAX_GRAVITY_DEVIATION: f64 = 4.0;
 
-/// Largest standard deviation of a trusted orientation, degrees, calibrated. Of right poses of five places nearly all are
-/// below.
-const MAX_ROTATION_SD_DEG: f64 = 2.0;
+/// Largest standard deviation of a trusted camera centre, relative to the distance of the observed points, and of a trusted
+/// orientation, degrees, both calibrated. No tests of the pose: above them the ± itself is a guess, as it linearizes.
+/// A caller that needs more says so ([`Precision`]).
+const MAX_RELATIVE_SD: f64 = 0.2;
+const MAX_ROTATION_SD_DEG: f64 = 5.0;
+
+/// The same for another pose from the remaining matches: weakly determined poses agree with anything.
+const MAX_RIVAL_RELATIVE_SD: f64 = 0.05;
+const MAX_RIVAL_ROTATION_SD_DEG: f64 = 2.0;
 
 /// Minimum log evidence of the other anchors' lines for the camera's position along the ray of the richest anchor.
 const MIN_SIDE_EVIDENCE: f64 = 2.5;
@@ -79,6 +86,8 @@ pub struct Confidence {
     /// Distance of the camera centre from the given approximate position, in standard deviations of that position and
     /// of the centre; `None` without one.
     pub position_deviation: Option<f64>,
+    /// How the measured gravity direction agrees with the pose of the matches alone; `None` without one.
+    pub gravity: Option<GravityAgreement>,
     /// Standard deviation of the camera centre in its least certain direction, map units: the square root of the
     /// largest eigenvalue of the centre's covariance. The `±` of a printed or answered position is always this value.
     pub center_sd: f64,
@@ -92,6 +101,8 @@ pub struct Confidence {
     pub rotation_sd_deg: f64,
     /// The same from the matches alone; camera priors do not count for trust.
     pub held_rotation_deg: f64,
+    /// The precision that the caller needs.
+    pub needed: Precision,
     /// A focal length, relative to the given one, that explains the matches better, but not enough to replace the given
     /// one; `None` when the given one is consistent or another was estimated.
     pub other_focal: Option<f64>,
@@ -100,6 +111,26 @@ pub struct Confidence {
     pub is_camera_contradicted: bool,
     /// Agreeing keypoints of the anchor that has most of them, and of all other anchors; `None` without anchors.
     pub sides: Option<[usize; 2]>,
+}
+
+/// The precision that a caller needs; a pose with a larger ± is doubtful.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Precision {
+    /// Largest standard deviation of the camera centre in its least certain direction, map units; infinite for any.
+    pub position: f64,
+    /// Largest standard deviation of the orientation about its least certain axis, degrees; infinite for any.
+    pub rotation_deg: f64,
+}
+
+impl Precision {
+    /// Any ±.
+    pub const ANY: Self = Self { position: f64::INFINITY, rotation_deg: f64::INFINITY };
+}
+
+impl Default for Precision {
+    fn default() -> Self {
+        Self::ANY
+    }
 }
 
 /// State of an estimate.
@@ -153,11 +184,23 @@ pub enum Doubt {
         /// [`Confidence::position_deviation`].
         deviation: f64,
     },
+    /// The measured gravity direction contradicts the pose.
+    Gravity {
+        /// [`GravityAgreement::deviation`].
+        deviation: f64,
+    },
     /// The agreeing matches hardly determine a direction of translation or rotation.
-    LooselyHeld {
+    Imprecise {
         /// The larger of [`Confidence::center_sd_relative`] and [`Confidence::held_relative`].
         center_sd_relative: f64,
         /// [`Confidence::held_rotation_deg`].
+        rotation_sd_deg: f64,
+    },
+    /// The ± is larger than the caller needs.
+    LessThanNeeded {
+        /// [`Confidence::center_sd`].
+        center_sd: f64,
+        /// [`Confidence::rotation_sd_deg`].
         rotation_sd_deg: f64,
     },
     /// Another focal length would explain the matches better.
@@ -173,6 +216,13 @@ pub enum Doubt {
         /// [`Confidence::sides`].
         sides: [usize; 2],
     },
+}
+
+impl Doubt {
+    /// Whether it says that the camera of the query is wrong.
+    pub const fn is_of_camera(&self) -> bool {
+        matches!(self, Self::FocalLength { .. } | Self::Camera)
+    }
 }
 
 impl fmt::Display for Doubt {
@@ -193,12 +243,20 @@ impl fmt::Display for Doubt {
                 f,
                 "the pose is {deviation:.0} standard deviations away from the given approximate position"
             ),
-            Self::LooselyHeld { center_sd_relative, rotation_sd_deg } => write!(
+            Self::Gravity { deviation } => write!(
+                f,
+                "the measured gravity direction is {deviation:.0} standard deviations away from that of the pose: the \
+                 device accelerated, or its axes or the map's direction of gravity are wrong"
+            ),
+            Self::Imprecise { center_sd_relative, rotation_sd_deg } => write!(
                 f,
                 "the matches determine the camera only to {:.0} % of its distance from the scene and \
                  {rotation_sd_deg:.1}°",
                 100.0 * center_sd_relative
             ),
+            Self::LessThanNeeded { center_sd, rotation_sd_deg } => {
+                write!(f, "a smaller ± is needed than {center_sd:.3} map units and {rotation_sd_deg:.1}°")
+            }
             Self::FocalLength { scale } => write!(
                 f,
                 "the focal length seems to be wrong by {:.1} %; calibrate the camera, or say that it is not calibrated",
@@ -254,6 +312,11 @@ impl Confidence {
         }
     }
 
+    /// [`Self::log_evidence`] with that of a gravity direction which agrees.
+    fn log_evidence_with_gravity(&self) -> f64 {
+        self.log_evidence + self.gravity.map_or(0.0, |gravity| gravity.log_evidence)
+    }
+
     /// Log evidence of another pose from which on this one is ambiguous.
     pub(crate) fn min_rival_log_evidence(&self) -> f64 {
         self.min_log_evidence.max(MIN_RIVAL_SHARE * self.log_evidence)
@@ -262,22 +325,23 @@ impl Confidence {
     /// Log evidence of another pose, if it makes this one ambiguous. Matches on one spot agree with many poses and
     /// determine none; lines of one anchor determine all but the position along its ray.
     pub(crate) fn rival(&self, other: &Self) -> Option<f64> {
-        let is_one_sided = other.center_sd == f64::INFINITY && other.held_rotation_deg <= MAX_ROTATION_SD_DEG;
-        let is_determined = other.is_held() || is_one_sided;
+        let is_one_sided =
+            other.center_sd == f64::INFINITY && other.held_rotation_deg <= MAX_RIVAL_ROTATION_SD_DEG;
+        let is_determined = other.is_held(MAX_RIVAL_RELATIVE_SD, MAX_RIVAL_ROTATION_SD_DEG) || is_one_sided;
         let is_rival = other.log_evidence >= self.min_rival_log_evidence() && is_determined;
         is_rival.then_some(other.log_evidence)
     }
 
-    /// Whether the matches determine centre and orientation.
-    fn is_held(&self) -> bool {
-        self.center_sd_relative.max(self.held_relative) <= MAX_RELATIVE_SD
-            && self.held_rotation_deg <= MAX_ROTATION_SD_DEG
+    /// Whether the matches determine centre and orientation to these standard deviations.
+    fn is_held(&self, relative_sd: f64, rotation_sd_deg: f64) -> bool {
+        self.center_sd_relative.max(self.held_relative) <= relative_sd
+            && self.held_rotation_deg <= rotation_sd_deg
     }
 
     /// All reasons not to trust the pose.
     pub fn doubts(&self) -> Vec<Doubt> {
         let mut doubts = Vec::new();
-        if !(self.log_evidence >= self.min_log_evidence) {
+        if !(self.log_evidence_with_gravity() >= self.min_log_evidence) {
             doubts.push(Doubt::WeakEvidence { log_evidence: self.log_evidence });
         }
         if !(self.margin >= MIN_MARGIN) {
@@ -289,13 +353,20 @@ impl Confidence {
         if let Some(deviation) = self.position_deviation.filter(|d| !(*d <= MAX_POSITION_DEVIATION)) {
             doubts.push(Doubt::FarFromPosition { deviation });
         }
+        if let Some(gravity) = self.gravity.filter(|gravity| !(gravity.deviation <= MAX_GRAVITY_DEVIATION)) {
+            doubts.push(Doubt::Gravity { deviation: gravity.deviation });
+        }
         // The one-sided doubt already covers a free direction.
         let one_sided =
             self.sides.filter(|s| s[0].min(s[1]) < MIN_KEYPOINTS_PER_SIDE || self.center_sd == f64::INFINITY);
         let center_sd_relative = self.center_sd_relative.max(self.held_relative);
         let rotation_sd_deg = self.held_rotation_deg;
-        if one_sided.is_none() && !self.is_held() {
-            doubts.push(Doubt::LooselyHeld { center_sd_relative, rotation_sd_deg });
+        if one_sided.is_none() && !self.is_held(MAX_RELATIVE_SD, MAX_ROTATION_SD_DEG) {
+            doubts.push(Doubt::Imprecise { center_sd_relative, rotation_sd_deg });
+        }
+        let (center_sd, rotation_sd_deg) = (self.center_sd, self.rotation_sd_deg);
+        if !(center_sd <= self.needed.position && rotation_sd_deg <= self.needed.rotation_deg) {
+            doubts.push(Doubt::LessThanNeeded { center_sd, rotation_sd_deg });
         }
         if let Some(scale) = self.other_focal {
             doubts.push(Doubt::FocalLength { scale });
@@ -326,12 +397,14 @@ pub(crate) fn assess(
         margin,
         rival_log_evidence: None,
         position_deviation: None,
+        gravity: None,
         center_sd: 0.0,
         center_sd_relative: 0.0,
         held_relative: 0.0,
         held_rotation_deg: rotation_sd_degrees(covariance),
         distance: typical_distance(matches, pose, inliers),
         rotation_sd_deg: 0.0,
+        needed: Precision::ANY,
         other_focal: None,
         is_camera_contradicted: false,
         sides: matches!(matches.observations, Correspondences::Anchored { .. })

@@ -8,10 +8,10 @@ use crate::camera_refinement::{CameraRefinement, CameraTest};
 use crate::confidence::{assess, free_direction};
 use crate::copies::WithoutCopies;
 use crate::error::PoseError;
-use crate::focal_search::{FocalRefinement, ImageEstimate, over_focal_lengths};
+use crate::focal_search::{BestCost, FocalRefinement, ImageEstimate, over_focal_lengths};
 use crate::likelihood::{
-    Correspondences, FocalVerdict, Matches, PosePriors, PoseProblem, PoseWithFocal, Scale, Symmetric6,
-    free_along, sum, with_shift,
+    CameraEvidence, Correspondences, FocalPrior, FocalVerdict, GravityTest, Matches, PosePriors, PoseProblem,
+    PoseWithFocal, Scale, Symmetric6, free_along, sum, with_shift,
 };
 use crate::options::{AnchoredSolver, PoseOptions, ScoreKind};
 use crate::pose_estimate::PoseEstimate;
@@ -41,7 +41,7 @@ pub fn estimate_pose<R: Rng + ?Sized>(
     problem.check()?;
     if options.score.unwrap_or_default() == ScoreKind::Msac {
         let matches = Matches::new(problem, options.expected_inlier_ratio);
-        return search_at(&matches, problem, options, 1.0, rng);
+        return search_at(&matches, problem, options, 1.0, &mut BestCost::default(), rng);
     }
     without_copies(problem, |problem| estimate_checked(problem, options, rng))
 }
@@ -66,9 +66,10 @@ fn estimate_checked<R: Rng + ?Sized>(
     rng: &mut R,
 ) -> Result<PoseEstimate, PoseError> {
     let matches = Matches::new(problem, options.expected_inlier_ratio);
+    let mut cost = BestCost::default();
     let best = over_focal_lengths(problem.focal, options, |factor, options| {
         let observations = &problem.observations;
-        search_at(&matches, problem, options, factor, rng)
+        search_at(&matches, problem, options, factor, &mut cost, rng)
             .map(|estimate| ImageEstimate { estimate, observations })
     });
     // The optimum lies between two tried focal lengths: the best of them may not be the best of all.
@@ -83,12 +84,14 @@ fn estimate_checked<R: Rng + ?Sized>(
     Ok(best)
 }
 
-/// Searches with the given focal length multiplied by a factor.
+/// Searches with the given focal length multiplied by a factor; refines the result unless another focal length led to a
+/// much better one.
 fn search_at<R: Rng + ?Sized>(
     matches: &Matches<'_>,
     problem: &PoseProblem,
     options: &PoseOptions,
     factor: f64,
+    best_cost: &mut BestCost,
     rng: &mut R,
 ) -> Result<PoseEstimate, PoseError> {
     if options.stop.is_set() {
@@ -109,13 +112,17 @@ fn search_at<R: Rng + ?Sized>(
         let alone = lo_ransac(&mut search, &budget, rng);
         let cost = alone.model.as_ref().map_or(f64::INFINITY, |pose| alone.cost + known.loss(pose));
         if cost < found.cost {
-            found.model = alone.model;
+            (found.model, found.cost) = (alone.model, cost);
         }
         found.samples += alone.samples;
         search.with_priors(known);
     }
     if options.stop.is_set() {
         return Err(PoseError::Stopped);
+    }
+    if found.model.is_some() && !best_cost.is_near(found.cost) {
+        let (required, hypotheses) = (options.min_inliers, found.samples);
+        return Err(PoseError::NoConsensus { inliers: 0, required, hypotheses });
     }
     let start = found.model.map(|pose| PoseWithFocal { pose, factor });
     conclude(search, matches, start, found.samples, problem, options).map_err(|error| {
@@ -203,10 +210,31 @@ pub(crate) fn search<'a>(
     Search::new(matches, scale, minimal, priors).with_stop(&options.stop)
 }
 
-/// Final refinement of the best pose, and its confidence.
+/// Final refinement of the best pose, and its confidence. A gravity direction that the matches contradict has no
+/// influence on the pose.
 ///
 /// `matches` have the given focal length; `start` contains the focal length of the search.
 pub(crate) fn conclude<'a>(
+    search: Search<'a>,
+    matches: &Matches<'a>,
+    start: Option<PoseWithFocal>,
+    hypotheses: usize,
+    problem: &PoseProblem,
+    options: &PoseOptions,
+) -> Result<PoseEstimate, PoseError> {
+    let known = search.priors();
+    let without = known.has_gravity().then(|| search.with_other_priors(known.without_gravity()));
+    let estimate = conclude_with_priors(search, matches, start, hypotheses, problem, options)?;
+    match without {
+        Some(without) if !estimate.confidence.gravity.is_some_and(|gravity| gravity.is_close()) => {
+            conclude_with_priors(without, matches, start, hypotheses, problem, options)
+        }
+        _ => Ok(estimate),
+    }
+}
+
+/// [`conclude`] with the priors of the search.
+fn conclude_with_priors<'a>(
     search: Search<'a>,
     matches: &Matches<'a>,
     start: Option<PoseWithFocal>,
@@ -242,12 +270,18 @@ pub(crate) fn conclude<'a>(
     for &i in &inliers {
         mask[i] = true;
     }
+    let focal_gain = match verdict {
+        FocalVerdict::Wrong if focal == FocalPrior::Calibrated => {
+            FocalVerdict::min_gain(matches.observations, inliers.len())
+        }
+        _ => verdict.suspected_gain(),
+    };
     let design_effect = search.design_effect(&polished.pose, &likelihoods, polished.noise);
     let uncertainty = |known: &PosePriors, free, design_effect| {
         let agreement = Agreement { likelihoods: &likelihoods, inliers: &inliers, design_effect };
         search.uncertainty(known, &polished, &agreement, focal_sd, free)
     };
-    // Only the matches decide about trust: camera priors never increase it.
+    // What holds the pose are the matches: camera priors never increase it.
     let nothing = PosePriors::default();
     let (noise_px, mut independent) = uncertainty(&nothing, None, 1.0);
     let free = free_direction(matches, &polished.pose, &inliers, &likelihoods, &independent);
@@ -264,11 +298,16 @@ pub(crate) fn conclude<'a>(
     (covariance, by_matches) = (with_camera(&covariance), with_camera(&by_matches));
     confidence = confidence.with_covariances(&covariance, &by_matches);
     confidence.position_deviation = known.position_deviation(&polished.pose, position_sd(&by_matches));
-    if let FocalVerdict::Suspicious(other) = verdict {
+    let gravity_test = problem.gravity.as_ref().filter(|_| search.is_likelihood()).map(|gravity| {
+        let test = GravityTest::new(gravity, &polished.pose);
+        if known.has_gravity() { test.without_influence(&independent) } else { test }
+    });
+    confidence.gravity = gravity_test.map(|test| test.judge(&by_matches));
+    if let FocalVerdict::Suspicious { other, .. } = verdict {
         let shift = polished.pose.step_to(&other.pose);
         (covariance, by_matches) = (with_shift(&covariance, &shift), with_shift(&by_matches, &shift));
         confidence = confidence.with_covariances(&covariance, &by_matches);
-        confidence.other_focal = verdict.suspected_focal_scale();
+        confidence.other_focal = verdict.suspected_focal_scale(problem.map_cameras.min_focal_gain);
     }
     confidence.is_camera_contradicted = camera.is_contradicted;
     if let Some((direction, _)) = free {
@@ -286,7 +325,8 @@ pub(crate) fn conclude<'a>(
         focal_scale: change.factor(),
         principal_shift_px: change.principal_shift_px(&seen.camera),
         camera_covariance,
-        camera_evidence: camera.evidence,
+        camera_evidence: camera.evidence.map(|evidence| CameraEvidence { focal_gain, ..evidence }),
+        gravity_test,
         covariance,
         covariance_by_matches: by_matches,
         confidence,

@@ -19,6 +19,11 @@ use crate::ransac::search::{Polished, Search};
 /// Log evidence above which a trusted pose is not tested with other focal lengths.
 const CLEAR_LOG_EVIDENCE: f64 = 150.0;
 
+/// Log likelihood by which a search with another focal length may end behind the best one: farther behind it is not
+/// refined, which takes most of the time of a query that is not found. Of two focal lengths near the true one both lead to
+/// it.
+const MAX_BEHIND: f64 = 5.0;
+
 /// Jumps that are tried, relative to the current focal length.
 pub(crate) const JUMPS: [f64; 2] = [0.94, 1.06];
 
@@ -35,6 +40,23 @@ pub(crate) const UNAMBIGUOUS_LOG_EVIDENCE: f64 = 800.0;
 
 /// Iterations that alternate between focal length and noise.
 pub(crate) const MAX_ROUNDS: usize = 3;
+
+/// The best cost of the searches with several focal lengths.
+pub(crate) struct BestCost(f64);
+
+impl Default for BestCost {
+    fn default() -> Self {
+        Self(f64::INFINITY)
+    }
+}
+
+impl BestCost {
+    /// Whether to refine the result of a search with this cost; remembers the cost.
+    pub(crate) fn is_near(&mut self, cost: f64) -> bool {
+        self.0 = self.0.min(cost);
+        cost <= self.0 + MAX_BEHIND
+    }
+}
 
 /// An estimate, as far as the choice of a focal length needs it.
 pub(crate) trait WithConfidence {
@@ -191,9 +213,13 @@ impl<'a> FocalRefinement<'a> {
                 }
             } else {
                 let effect = refinement.objective(seen, focal).linearize(&there).cells.design_effect();
-                match FocalVerdict::of(gain / effect, &there, refinement.min_gain()) {
+                match FocalVerdict::of(
+                    gain / effect,
+                    &there,
+                    refinement.min_gain().max(test.map.min_focal_gain),
+                ) {
                     FocalVerdict::Wrong => refinement.verdict = FocalVerdict::Wrong,
-                    suspicious @ FocalVerdict::Suspicious(_) => {
+                    suspicious @ FocalVerdict::Suspicious { .. } => {
                         if refinement.verdict == FocalVerdict::Fine {
                             refinement.verdict = suspicious;
                         }

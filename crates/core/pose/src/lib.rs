@@ -69,7 +69,7 @@ pub use crate::likelihood::prior;
 pub use crate::likelihood::{
     Correspondences, FocalPrior, Gravity, MatchViewpoint, PoseProblem, PositionPrior,
 };
-pub use confidence::{Confidence, Doubt, State};
+pub use confidence::{Confidence, Doubt, Precision, State};
 pub use cramer_rao::fisher_information;
 pub use error::PoseError;
 pub use estimate::{estimate_pose, optimize_pose};

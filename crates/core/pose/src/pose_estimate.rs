@@ -3,7 +3,7 @@
 use veiloc_geometry::{CameraFromWorld, Pinhole};
 
 use crate::confidence::Confidence;
-use crate::likelihood::CameraEvidence;
+use crate::likelihood::{CameraEvidence, GravityTest};
 
 /// The pose of a camera, and its uncertainty.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,6 +33,8 @@ pub struct PoseEstimate {
     pub camera_covariance: [[f64; 6]; 6],
     /// What the matches say about the given camera, if [`crate::PoseOptions::camera_evidence`] asks for it.
     pub camera_evidence: Option<CameraEvidence>,
+    /// The measured gravity direction against the pose of the matches alone; `None` without a measurement.
+    pub gravity_test: Option<GravityTest>,
     /// Covariance in the chart of [`CameraFromWorld::perturbed`] (radians, then map units): from the noise of
     /// keypoints and map points, and from the camera model. Infinite on the diagonal when the inliers leave a direction free.
     pub covariance: [[f64; 6]; 6],

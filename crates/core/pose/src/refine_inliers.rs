@@ -51,6 +51,7 @@ pub fn refine_pose(
         noise_px,
         principal_shift_px: [0.0; 2],
         camera_evidence: None,
+        gravity_test: None,
         camera_covariance: [[0.0; 6]; 6],
         focal_scale: 1.0,
         free_direction: None,

@@ -146,7 +146,7 @@ pub enum DoubtKind {
     /// Another pose explains the matches nearly as well.
     Ambiguous,
     /// The agreeing matches leave a direction nearly free.
-    LooselyHeld,
+    Imprecise,
     /// Nearly all agreeing lines belong to one anchor.
     OneSided,
 }
@@ -154,7 +154,7 @@ pub enum DoubtKind {
 impl DoubtKind {
     /// All of them; the index of each is its code.
     pub const ALL: [Self; 5] =
-        [Self::Other, Self::WeakEvidence, Self::Ambiguous, Self::LooselyHeld, Self::OneSided];
+        [Self::Other, Self::WeakEvidence, Self::Ambiguous, Self::Imprecise, Self::OneSided];
 
     /// The name in JSON.
     pub const fn name(self) -> &'static str {
@@ -162,7 +162,7 @@ impl DoubtKind {
             Self::Other => "other",
             Self::WeakEvidence => "weak-evidence",
             Self::Ambiguous => "ambiguous",
-            Self::LooselyHeld => "loosely-held",
+            Self::Imprecise => "imprecise",
             Self::OneSided => "one-sided",
         }
     }
@@ -172,7 +172,7 @@ impl DoubtKind {
             Self::Other => 0,
             Self::WeakEvidence => 1,
             Self::Ambiguous => 2,
-            Self::LooselyHeld => 3,
+            Self::Imprecise => 3,
             Self::OneSided => 4,
         }
     }

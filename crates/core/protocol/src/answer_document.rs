@@ -73,7 +73,7 @@ pub struct PoseDocument {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct DoubtDocument {
-    /// `weak-evidence`, `ambiguous`, `loosely-held`, `one-sided` or `other`.
+    /// `weak-evidence`, `ambiguous`, `imprecise`, `one-sided` or `other`.
     pub kind: &'static str,
     /// Human-readable.
     pub text: String,

@@ -75,7 +75,7 @@ impl Advice {
             None => Self::TurnToMappedPlace,
             Some(_) if has(DoubtKind::Ambiguous) => Self::ShowSurroundings,
             Some(_) if has(DoubtKind::OneSided) => Self::ShowBothSides,
-            Some(_) if has(DoubtKind::LooselyHeld) => Self::MoveCloser,
+            Some(_) if has(DoubtKind::Imprecise) => Self::MoveCloser,
             Some(_) if has(DoubtKind::WeakEvidence) => Self::TurnToMappedPlace,
             Some(_) => Self::ShowSurroundings,
         }

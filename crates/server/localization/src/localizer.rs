@@ -7,11 +7,12 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::MatchOptions;
 use veiloc_geometry::CameraFromWorld;
-use veiloc_map::{MapFile, MapView, PointId};
+use veiloc_map::{CameraErrors, MapFile, MapView, PointId};
 use veiloc_pose::likelihood::{CameraEvidence, MapCameras};
 use veiloc_pose::prior::{Evidence, MatchPrior, match_probability};
 use veiloc_pose::{
-    Confidence, FocalPrior, Gravity, PoseOptions, PoseProblem, PositionPrior, Rival, State, estimate_pose,
+    Confidence, FocalPrior, Gravity, PoseOptions, PoseProblem, PositionPrior, Precision, Rival, State,
+    estimate_pose,
 };
 use veiloc_protocol::{CoarseGravity, SealedQuery};
 
@@ -37,6 +38,8 @@ pub struct LocalizeOptions {
     pub pose: PoseOptions,
     /// Prior of the camera position, if known.
     pub position: Option<PositionPrior>,
+    /// The precision that the caller needs. Default: any.
+    pub need: Precision,
     /// Seed of the sampler: equal queries and seeds give equal poses.
     pub seed: u64,
 }
@@ -49,6 +52,7 @@ impl Default for LocalizeOptions {
             use_prior: true,
             pose: PoseOptions::default(),
             position: None,
+            need: Precision::ANY,
             seed: 0,
         }
     }
@@ -231,7 +235,10 @@ fn problem_of(
     };
     problem.map_cameras = map.file().self_test().and_then(|test| test.of_scheme(query.scheme())).map_or(
         MapCameras::UNMEASURED,
-        |test| MapCameras { sd: test.cameras.sd, min_log_odds: test.cameras.min_log_odds },
+        |test| {
+            let CameraErrors { sd, min_log_odds, min_focal_gain } = test.cameras;
+            MapCameras { sd, min_log_odds, min_focal_gain }
+        },
     );
     problem.point_covariances =
         Some(observed.match_of.iter().map(|m| map.point_covariance(of_match(m).point)).collect());
@@ -286,9 +293,10 @@ pub fn localize_matched(
         by_matches: &estimate.covariance_by_matches,
         camera: &estimate.camera_covariance,
         confidence: estimate.confidence,
+        gravity_test: estimate.gravity_test,
     };
     let CalibratedEstimate { covariance, confidence, state } =
-        own.calibrate(map.file(), query.scheme(), problem.points.len())?;
+        own.calibrate(map.file(), query.scheme(), problem.points.len(), options.need)?;
     let agreeing = match_of.iter().zip(&estimate.inliers).filter_map(|(m, agrees)| agrees.then_some(*m));
     let agreeing: BTreeSet<usize> = agreeing.collect();
     let pairs = rows.iter().zip(points).enumerate();

@@ -119,9 +119,11 @@ pub fn localize_rig(
         by_matches: &estimate.covariance_by_matches,
         camera: &estimate.camera_covariance,
         confidence: estimate.confidence,
+        gravity_test: None,
     };
     let scheme = frames.first().map_or_else(Scheme::default, |frame| frame.query.scheme());
-    let CalibratedEstimate { covariance, confidence, state } = own.calibrate(map, scheme, correspondences)?;
+    let CalibratedEstimate { covariance, confidence, state } =
+        own.calibrate(map, scheme, correspondences, options.need)?;
     let localized_frames = estimate.frames.iter().zip(&matched).map(|(found, matched)| FrameLocalization {
         cam_from_world: found.cam_from_world,
         inliers: found.inlier_keypoints,

@@ -65,6 +65,8 @@ pub struct CameraErrors {
     pub sd: [f64; 6],
     /// Logarithm of the odds from which on the camera of a query is wrong.
     pub min_log_odds: f64,
+    /// Gain in log likelihood of another focal length from which on it speaks against that of a query; not below 0.
+    pub min_focal_gain: f64,
 }
 
 /// Shares of trusted poses whose true pose was within the confidence region of each of [`LEVELS`]; 0 without any.
@@ -175,7 +177,9 @@ impl SchemeTest {
             return Err(format!("a coverage of {share}"));
         }
         let cameras = &self.cameras;
-        if !(cameras.sd.iter().all(|sd| sd.is_finite() && *sd > 0.0) && cameras.min_log_odds.is_finite()) {
+        let is_gain = cameras.min_focal_gain.is_finite() && cameras.min_focal_gain >= 0.0;
+        let is_sd = |sd: &f64| sd.is_finite() && *sd > 0.0;
+        if !(cameras.sd.iter().all(is_sd) && cameras.min_log_odds.is_finite() && is_gain) {
             return Err("invalid errors of cameras".to_owned());
         }
         self.calibration.check()

@@ -91,8 +91,10 @@ const fn kind_of(doubt: &Doubt) -> DoubtKind {
     match doubt {
         Doubt::WeakEvidence { .. } => DoubtKind::WeakEvidence,
         Doubt::Ambiguous { .. } | Doubt::Rival { .. } => DoubtKind::Ambiguous,
-        Doubt::LooselyHeld { .. } => DoubtKind::LooselyHeld,
+        Doubt::Imprecise { .. } | Doubt::LessThanNeeded { .. } => DoubtKind::Imprecise,
         Doubt::OneSided { .. } => DoubtKind::OneSided,
-        Doubt::FocalLength { .. } | Doubt::Camera | Doubt::FarFromPosition { .. } => DoubtKind::Other,
+        Doubt::FocalLength { .. } | Doubt::Camera | Doubt::FarFromPosition { .. } | Doubt::Gravity { .. } => {
+            DoubtKind::Other
+        }
     }
 }

@@ -227,6 +227,7 @@ impl CameraSystem {
             gradient: gradient.into(),
             shared_variance,
             best: None,
+            focal_gain: 0.0,
         };
         Some(CameraInfluence { pose_by_camera: -inverse * mixed, evidence })
     }
@@ -419,7 +420,8 @@ impl CameraObjective<'_> {
     pub fn test_focal(&self, at: &PoseWithFocal) -> FocalTest {
         let FocalGain { gain, agreeing, other, pose_of_given } =
             self.focal_gain(at, &self.beyond_map(&CALIBRATED_SD));
-        let min_gain = FocalVerdict::min_gain(self.matches.observations, agreeing);
+        let min_gain =
+            FocalVerdict::min_gain(self.matches.observations, agreeing).max(self.map.min_focal_gain);
         FocalTest { verdict: FocalVerdict::of(gain, &other, min_gain), pose_of_given }
     }
 

@@ -47,7 +47,12 @@ pub enum FocalVerdict {
     /// The matches are consistent with it.
     Fine,
     /// Another, at another pose, would explain the matches better, but not enough to replace it.
-    Suspicious(PoseWithFocal),
+    Suspicious {
+        /// The other one.
+        other: PoseWithFocal,
+        /// What it gains in log likelihood.
+        gain: f64,
+    },
     /// It is wrong.
     Wrong,
 }
@@ -80,7 +85,7 @@ impl FocalVerdict {
         if gain > min_gain && change > MIN_WRONG_CHANGE {
             Self::Wrong
         } else if gain > MIN_GAIN && change > MIN_CHANGE {
-            Self::Suspicious(*other)
+            Self::Suspicious { other: *other, gain }
         } else {
             Self::Fine
         }
@@ -88,14 +93,25 @@ impl FocalVerdict {
 
     /// Whether no focal length with a large change is suspected.
     pub fn is_near(&self) -> bool {
-        *self != Self::Wrong && self.suspected_focal_scale().is_none()
+        *self != Self::Wrong && self.suspected_focal_scale(0.0).is_none()
     }
 
-    /// The suspected focal length relative to the given one, if it differs so much that the pose may be wrong.
-    pub fn suspected_focal_scale(&self) -> Option<f64> {
+    /// The suspected focal length relative to the given one, if it differs so much that the pose may be wrong, and gains
+    /// more than this.
+    pub fn suspected_focal_scale(&self, min_gain: f64) -> Option<f64> {
         match self {
-            Self::Suspicious(other) if other.factor.ln().abs() > MIN_DOUBTED_CHANGE => Some(other.factor),
-            Self::Suspicious(_) | Self::Fine | Self::Wrong => None,
+            Self::Suspicious { other, gain } if *gain > min_gain => {
+                (other.factor.ln().abs() > MIN_DOUBTED_CHANGE).then_some(other.factor)
+            }
+            Self::Suspicious { .. } | Self::Fine | Self::Wrong => None,
+        }
+    }
+
+    /// What a suspected focal length gains that differs so much that the pose may be wrong; 0 without one.
+    pub fn suspected_gain(&self) -> f64 {
+        match self {
+            Self::Suspicious { gain, .. } if !self.is_near() => *gain,
+            Self::Suspicious { .. } | Self::Fine | Self::Wrong => 0.0,
         }
     }
 }

@@ -20,6 +20,9 @@ pub struct MapCameras {
     /// Log odds ([`CameraEvidence::log_odds`]) from which on a query's camera is wrong: no image of the map contradicts
     /// its own camera as much.
     pub min_log_odds: f64,
+    /// Gain in log likelihood of another focal length from which on it speaks against that of a query: no image of the map
+    /// gains as much with a focal length that is not its own.
+    pub min_focal_gain: f64,
 }
 
 /// Of a map without a self-test: about as in most of the maps that were tested.
@@ -52,10 +55,11 @@ impl Default for MapCameras {
 
 impl MapCameras {
     /// Of a map without a self-test.
-    pub const UNMEASURED: Self = Self { sd: UNMEASURED_SD, min_log_odds: UNMEASURED_LOG_ODDS };
+    pub const UNMEASURED: Self =
+        Self { sd: UNMEASURED_SD, min_log_odds: UNMEASURED_LOG_ODDS, min_focal_gain: 0.0 };
 
     /// The deviations under which the evidence of these images of a map, each left out of it, is most probable, and the
-    /// largest log odds among them. Without any evidence, [`Self::UNMEASURED`].
+    /// largest log odds and gains of another focal length among them. Without any evidence, [`Self::UNMEASURED`].
     pub fn fit(images: &[CameraEvidence]) -> Self {
         if images.is_empty() {
             return Self::UNMEASURED;
@@ -73,7 +77,8 @@ impl MapCameras {
         }
         let sd = variance.map(f64::sqrt).into();
         let largest = images.iter().filter_map(|image| image.log_odds(&sd)).fold(MIN_LOG_ODDS, f64::max);
-        Self { sd, min_log_odds: largest }
+        let min_focal_gain = images.iter().map(|image| image.focal_gain).fold(0.0, f64::max);
+        Self { sd, min_log_odds: largest, min_focal_gain }
     }
 }
 
@@ -91,6 +96,9 @@ pub struct CameraEvidence {
     /// What the camera that explains the matches best gains in log likelihood, and the shared variance there; `None`
     /// when it was not estimated.
     pub best: Option<BestCamera>,
+    /// What another focal length gains in log likelihood, with the rest of the camera as given, if it differs so much that
+    /// the pose may be wrong; 0 otherwise.
+    pub focal_gain: f64,
 }
 
 /// See [`CameraEvidence::best`].
@@ -127,7 +135,7 @@ impl CameraEvidence {
             gradient += slope;
         }
         let information = std::array::from_fn(|i| std::array::from_fn(|j| information[(i, j)]));
-        Self { information, gradient: gradient.into(), shared_variance: 1.0, best: None }
+        Self { information, gradient: gradient.into(), shared_variance: 1.0, best: None, focal_gain: 0.0 }
     }
 
     /// The parameters under this prior; `None` when the numbers are not finite.
@@ -190,6 +198,7 @@ mod tests {
                     gradient: [0.0; CAMERA],
                     shared_variance: 2.0,
                     best: None,
+                    focal_gain: 0.0,
                 };
                 for k in 0..CAMERA {
                     let noise = 0.1 * sd[k];

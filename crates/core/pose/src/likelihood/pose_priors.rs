@@ -4,13 +4,14 @@
 //! deviations they act as normal distributions, and a gross error (a phone that was shaken, a GPS position between tall
 //! buildings) loses its influence instead of distorting the pose.
 //!
-//! Both come from the client. They select and improve a pose, but never make it trusted: evidence, margin and
-//! uncertainty are computed from the matches alone (`estimate.rs`), and a pose that contradicts them costs more.
+//! Both come from the client. They select and improve a pose; evidence, margin and what holds the pose are those of the
+//! matches alone (`estimate.rs`). A gravity direction that the matches confirm is evidence too
+//! ([`GravityTest`](crate::likelihood::GravityTest)), and one that they contradict is removed.
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
 
-use crate::likelihood::problem::PoseProblem;
+use crate::likelihood::problem::{Gravity, PoseProblem};
 use crate::likelihood::refine::System;
 
 /// Degrees of freedom of both distributions.
@@ -40,19 +41,42 @@ impl Term {
 
     /// Weight of the squared residual in the normal equations.
     fn weight(&self) -> f64 {
-        (FREEDOM + self.dimensions) / (FREEDOM + self.residual.norm_squared())
+        weight(self.dimensions, self.residual.norm_squared())
     }
+}
+
+/// Weight of a squared residual, in squared standard deviations, of this many dimensions.
+fn weight(dimensions: f64, squared: f64) -> f64 {
+    (FREEDOM + dimensions) / (FREEDOM + squared)
+}
+
+/// Weight of the gravity direction at this squared deviation.
+pub(crate) fn gravity_weight(squared: f64) -> f64 {
+    weight(2.0, squared)
 }
 
 impl PosePriors {
     /// The priors of a problem that has passed its check.
     pub fn of(problem: &PoseProblem) -> Self {
-        Self {
-            gravity: problem
-                .gravity
-                .map(|g| (g.in_camera.normalize(), g.in_world.normalize(), g.sd_deg.to_radians())),
-            position: problem.position.map(|p| (p.center.coords, p.sd)),
-        }
+        let of_gravity = problem.gravity.as_ref().map(Self::of_gravity).unwrap_or_default();
+        Self { position: problem.position.map(|p| (p.center.coords, p.sd)), ..of_gravity }
+    }
+
+    /// That of a gravity direction alone.
+    pub(crate) fn of_gravity(g: &Gravity) -> Self {
+        let gravity = (g.in_camera.normalize(), g.in_world.normalize(), g.sd_deg.to_radians());
+        Self { gravity: Some(gravity), position: None }
+    }
+
+    /// Whether a gravity direction is among them.
+    pub(crate) const fn has_gravity(&self) -> bool {
+        self.gravity.is_some()
+    }
+
+    /// The others.
+    #[must_use]
+    pub(crate) fn without_gravity(&self) -> Self {
+        Self { gravity: None, ..self.clone() }
     }
 
     /// Whether there is no prior.

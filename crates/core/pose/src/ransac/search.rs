@@ -155,6 +155,19 @@ impl<'a> Search<'a> {
         self.priors = known;
     }
 
+    /// The same for refinement with other priors.
+    pub(crate) fn with_other_priors(&self, priors: PosePriors) -> Self {
+        Search {
+            matches: self.matches.clone(),
+            kernel: self.kernel.clone(),
+            minimal: None,
+            priors,
+            optima: self.optima.clone(),
+            stop: self.stop.clone(),
+            ..*self
+        }
+    }
+
     /// The correspondences of the search.
     pub(crate) fn matches(&self) -> &Matches<'a> {
         &self.matches

@@ -25,7 +25,7 @@ use veiloc_geometry::{Anchor, CameraFromWorld};
 use super::joint::Poses;
 use super::odometry::{Deviation, OdometryConstraint};
 use crate::confidence::{
-    Confidence, MIN_MARGIN, free_direction, gains, log_det, log_poses, min_log_evidence,
+    Confidence, MIN_MARGIN, Precision, free_direction, gains, log_det, log_poses, min_log_evidence,
 };
 use crate::likelihood::{
     Correspondences, CovarianceInputs, Matches, PosePriors, Symmetric6, inverse_or_infinite, sum, with_shift,
@@ -317,12 +317,14 @@ impl FrameEvidence {
             margin: margin * self.share,
             rival_log_evidence: None,
             position_deviation: None,
+            gravity: None,
             center_sd: 0.0,
             center_sd_relative: 0.0,
             held_relative: 0.0,
             held_rotation_deg: rotation_sd_degrees(&self.by_matches),
             distance: upper_median(&mut distances).unwrap_or(f64::NAN),
             rotation_sd_deg: 0.0,
+            needed: Precision::ANY,
             other_focal: None,
             is_camera_contradicted: false,
             sides: sides(contributions),

@@ -166,7 +166,7 @@ impl RefinedRig {
                 };
                 match FocalVerdict::of(gain / effect, &of_rig(&poses, factor), self.min_gain(search, lens)) {
                     FocalVerdict::Wrong => self.lenses[lens].verdict = FocalVerdict::Wrong,
-                    suspicious @ FocalVerdict::Suspicious(_) => {
+                    suspicious @ FocalVerdict::Suspicious { .. } => {
                         if self.lenses[lens].verdict == FocalVerdict::Fine {
                             self.lenses[lens].verdict = suspicious;
                         }

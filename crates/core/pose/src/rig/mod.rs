@@ -29,7 +29,7 @@ use self::search::RigSearch;
 use crate::confidence::Confidence;
 use crate::copies::WithoutCopies;
 use crate::error::PoseError;
-use crate::focal_search::{WithConfidence, is_clear, over_focal_lengths};
+use crate::focal_search::{BestCost, WithConfidence, is_clear, over_focal_lengths};
 use crate::likelihood::{FocalPrior, FocalVerdict, Matches, PoseProblem};
 use crate::options::{PoseOptions, ScoreKind};
 use crate::ransac::lo_ransac;
@@ -177,9 +177,10 @@ fn estimate_without_copies<R: Rng + ?Sized>(
         shown.iter().map(|&i| Matches::new(&frames[i].problem, options.expected_inlier_ratio)).collect();
     let checked = CheckedFrames { frames, alone, shown, given };
     let focal = worst_known(checked.shown.iter().map(|&i| frames[i].problem.focal));
+    let mut cost = BestCost::default();
     let best = over_focal_lengths(focal, options, |factor, options| {
-        let search = |times, rng: &mut R| {
-            let found = checked.search_at(factor, focal, options, times, rng);
+        let mut search = |times, rng: &mut R| {
+            let found = checked.search_at(factor, focal, options, times, &mut cost, rng);
             found.map(|estimate| RigResult { estimate, frames })
         };
         let found = search(1, rng);
@@ -246,7 +247,8 @@ fn find_rival<R: Rng + ?Sized>(
     };
     let given = rest.iter().map(|f| Matches::new(&f.problem, options.expected_inlier_ratio)).collect();
     let others = CheckedFrames { frames: &rest, alone, shown: (0..rest.len()).collect(), given };
-    let rival = others.search_at(1.0, FocalPrior::Calibrated, &options, 1, rng).ok()?;
+    let cost = &mut BestCost::default();
+    let rival = others.search_at(1.0, FocalPrior::Calibrated, &options, 1, cost, rng).ok()?;
     estimate.confidence.rival(&rival.confidence)
 }
 
@@ -288,6 +290,7 @@ impl CheckedFrames<'_> {
         focal: FocalPrior,
         options: &PoseOptions,
         times: usize,
+        best_cost: &mut BestCost,
         rng: &mut R,
     ) -> Result<RigEstimate, PoseError> {
         if options.stop.is_set() {
@@ -319,7 +322,9 @@ impl CheckedFrames<'_> {
             required: options.min_inliers,
             hypotheses: found.samples,
         };
-        let Some(best) = found.model else { return Err(no_consensus(0)) };
+        let Some(best) = found.model.filter(|_| best_cost.is_near(found.cost)) else {
+            return Err(no_consensus(0));
+        };
         let RefinedRig { polished, lenses } =
             refine_focal_lengths(&mut search, &best, factor, frames, options);
         let poses = &polished.poses;
@@ -354,14 +359,22 @@ impl CheckedFrames<'_> {
         confidence.is_camera_contradicted = cameras.is_contradicted;
         // A pose may be wrong by the effect of another focal length, where the effect is too small to estimate that.
         for lens in &lenses {
-            if let FocalVerdict::Suspicious(other) = lens.verdict {
+            if let FocalVerdict::Suspicious { other, .. } = lens.verdict {
                 let rig = RigFromWorld::new(*other.pose.rotation(), *other.pose.translation());
                 evidence.shift(&poses.rig.step_to(&rig));
             }
         }
         confidence = confidence.with_covariances(&evidence.covariance, &evidence.by_matches);
         confidence.position_deviation = search.position_deviation(&poses.cams, &evidence.by_matches);
-        confidence.other_focal = lenses.iter().find_map(|lens| lens.verdict.suspected_focal_scale());
+        // What the map's cameras cause, they cause in each frame.
+        let of_map = |lens: &Lens| -> f64 {
+            lens.frames
+                .iter()
+                .map(|&f| frames[search.frames[f].index].problem.map_cameras.min_focal_gain)
+                .sum()
+        };
+        confidence.other_focal =
+            lenses.iter().find_map(|lens| lens.verdict.suspected_focal_scale(of_map(lens)));
         let mut frame_estimates = frame_estimates(frames, &search.frames, &contributions, poses);
         for (f, frame) in search.frames.iter().enumerate() {
             frame_estimates[frame.index].focal_scale = lens_of(f).map_or(1.0, |lens| lens.factor);

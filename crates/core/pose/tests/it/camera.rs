@@ -95,7 +95,7 @@ fn uncertain_orientation_is_doubted() {
     loose.held_rotation_deg = 2.4;
     let doubts = loose.doubts();
     let loose =
-        |doubt: &Doubt| matches!(doubt, Doubt::LooselyHeld { rotation_sd_deg, .. } if *rotation_sd_deg > 2.0);
+        |doubt: &Doubt| matches!(doubt, Doubt::Imprecise { rotation_sd_deg, .. } if *rotation_sd_deg > 2.0);
     assert!(doubts.iter().any(loose), "{doubts:?}");
 }
 
@@ -290,7 +290,7 @@ fn distortion_is_a_doubt_unless_the_map_has_it_as_well() {
             options.camera_evidence = true;
             estimate_pose(&problem, &options, &mut rng).expect("a pose")
         };
-        let exact = MapCameras { sd: [0.002; 6], min_log_odds: 3.0 };
+        let exact = MapCameras { sd: [0.002; 6], min_log_odds: 3.0, min_focal_gain: 0.0 };
         let images: Vec<_> = (100..112).map(|seed| estimate(MapCameras::UNMEASURED, seed)).collect();
         let evidence: Vec<_> = images.iter().filter_map(|image| image.camera_evidence).collect();
         let distorted = MapCameras::fit(&evidence);

@@ -1,4 +1,5 @@
-//! Camera priors from the client: they may select and improve a pose, but never make one trusted.
+//! Camera priors from the client: they select and improve a pose; only a gravity direction that the matches confirm is a
+//! reason to trust one.
 
 use super::support;
 
@@ -9,7 +10,8 @@ use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Rotation3, Unit, Vector3};
 use veiloc_geometry::{CameraFromWorld, Point3, Rigid3};
 use veiloc_pose::{
-    Correspondences, Gravity, PoseEstimate, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose,
+    Correspondences, Doubt, Gravity, PoseEstimate, PoseOptions, PoseProblem, PositionPrior, State,
+    estimate_pose,
 };
 
 const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
@@ -53,8 +55,8 @@ fn wrong_gravity_does_not_make_a_pose_trusted() {
                 let mut rng = ChaCha8Rng::seed_from_u64(seed);
                 let (plain, truth) = problem(&Setup { scheme, right, wrong, noise }, &mut rng);
                 let without = estimate(&plain, seed);
-                for (k, degrees) in (0_u8..).zip([4.0, 10.0, 30.0, 90.0, 180.0]) {
-                    for sd_deg in [0.5, 2.0] {
+                for (k, degrees) in (0_u8..).zip([5.0, 10.0, 30.0, 90.0, 180.0]) {
+                    for sd_deg in [0.5, 1.0] {
                         let informed = turned(&truth, degrees, f64::from(k) + seed as f64, sd_deg);
                         let with = estimate(&with_priors(&plain, Some(informed), None), seed);
                         total += 1;
@@ -75,6 +77,57 @@ fn wrong_gravity_does_not_make_a_pose_trusted() {
         }
     }
     assert!(trusted > total / 4, "{trusted} of {total} trusted: too few for a conclusion");
+}
+
+/// Of poses with too little evidence, a right gravity direction makes some trusted; one that is wrong by 5° none.
+#[test]
+fn gravity_that_the_matches_confirm_is_evidence() {
+    for scheme in [Scheme::Lines, Scheme::Dcl] {
+        let (mut weak, mut trusted) = (0, 0);
+        for seed in 0..60 {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let (plain, truth) = problem(&Setup { scheme, right: 18, wrong: 12, noise: 1.0 }, &mut rng);
+            let Some(without) = estimate(&plain, seed) else { continue };
+            let is_weak =
+                |found: &PoseEstimate| matches!(found.confidence.doubts()[..], [Doubt::WeakEvidence { .. }]);
+            if !is_weak(&without) || without.cam_from_world.rotation_error(&truth).to_degrees() > 1.0 {
+                continue;
+            }
+            weak += 1;
+            let informed =
+                |degrees| estimate(&with_priors(&plain, Some(turned(&truth, degrees, 0.0, 0.5)), None), seed);
+            let right = informed(0.3);
+            let gravity = right.as_ref().and_then(|found| found.confidence.gravity).expect("measured");
+            if is_trusted(right.as_ref()) {
+                trusted += 1;
+                assert!(gravity.log_evidence > 3.0 && gravity.deviation < 3.0, "{gravity:?}");
+            }
+            assert!(!is_trusted(informed(5.0).as_ref()), "{scheme:?} {seed}");
+        }
+        assert!(weak >= 4, "{scheme:?}: {weak} weak poses are too few for a conclusion");
+        assert!(
+            2 * trusted >= weak,
+            "{scheme:?}: {trusted} of {weak} trusted with the right gravity direction"
+        );
+    }
+}
+
+#[test]
+fn gravity_that_the_matches_contradict_is_a_doubt_and_moves_nothing() {
+    for scheme in SCHEMES {
+        for degrees in [10.0, 90.0] {
+            let mut rng = ChaCha8Rng::seed_from_u64(3);
+            let (plain, truth) = problem(&Setup { scheme, right: 150, wrong: 50, noise: 1.0 }, &mut rng);
+            let without = estimate(&plain, 3).expect("a pose");
+            assert!(is_trusted(Some(&without)), "{:?}", without.confidence);
+            let wrong = with_priors(&plain, Some(turned(&truth, degrees, 0.0, 0.5)), None);
+            let with = estimate(&wrong, 3).expect("a pose");
+            let doubts = with.confidence.doubts();
+            assert!(matches!(doubts[..], [Doubt::Gravity { .. }]), "{scheme:?} {degrees}: {doubts:?}");
+            let moved = with.cam_from_world.translation_error(&without.cam_from_world);
+            assert!(moved < 0.1 * without.confidence.center_sd, "{scheme:?} {degrees}: {moved}");
+        }
+    }
 }
 
 /// A scene that exists twice, the second copy tilted: each keypoint has a match in both.

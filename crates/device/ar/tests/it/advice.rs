@@ -18,7 +18,7 @@ fn causes_come_before_effects() {
     let sharp = Situation { brightness: Some(0.4), keypoints: Some(900), ..Situation::default() };
     let trusted = answer(&Walk::new(1, 0.0, 1).frames[0].cam_from_map, true);
     let (ambiguous, one_sided) = (doubtful(DoubtKind::Ambiguous), doubtful(DoubtKind::OneSided));
-    let (loose, weak) = (doubtful(DoubtKind::LooselyHeld), doubtful(DoubtKind::WeakEvidence));
+    let (loose, weak) = (doubtful(DoubtKind::Imprecise), doubtful(DoubtKind::WeakEvidence));
     let other = doubtful(DoubtKind::Other);
     let cases = [
         (Situation { answer: Some(&trusted), degrees_per_second: Some(90.0), ..sharp }, Advice::Ready),

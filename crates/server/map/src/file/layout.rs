@@ -264,6 +264,7 @@ pub(super) struct SchemeTestRecord {
     pub(super) translation_floor: f64,
     pub(super) camera_sd: [f64; 6],
     pub(super) min_camera_log_odds: f64,
+    pub(super) min_focal_gain: f64,
 }
 
 /// Data about the whole map of a compressed one; the records of the points follow.

@@ -57,6 +57,7 @@ fn record(test: &SchemeTest) -> SchemeTestRecord {
         translation_floor: test.calibration.translation_floor,
         camera_sd: test.cameras.sd,
         min_camera_log_odds: test.cameras.min_log_odds,
+        min_focal_gain: test.cameras.min_focal_gain,
     }
 }
 
@@ -78,7 +79,11 @@ fn scheme_test(record: &SchemeTestRecord) -> Result<SchemeTest, String> {
             rotation_floor: record.rotation_floor,
             translation_floor: record.translation_floor,
         },
-        cameras: CameraErrors { sd: record.camera_sd, min_log_odds: record.min_camera_log_odds },
+        cameras: CameraErrors {
+            sd: record.camera_sd,
+            min_log_odds: record.min_camera_log_odds,
+            min_focal_gain: record.min_focal_gain,
+        },
     })
 }
 

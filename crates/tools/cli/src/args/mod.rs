@@ -7,6 +7,7 @@ pub(crate) mod feature_args;
 pub(crate) mod global_args;
 pub(crate) mod json_args;
 pub(crate) mod localization_args;
+pub(crate) mod need;
 pub(crate) mod progressive_args;
 pub(crate) mod report_args;
 pub mod settings;

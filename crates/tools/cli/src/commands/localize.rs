@@ -21,6 +21,7 @@ use self::document::{
 use self::from_images::ImageArgs;
 use self::pose_files::{PoseFileArgs, QueryPose};
 use crate::args::localization_args::{MatchArgs, PoseArgs};
+use crate::args::need::Need;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
 use crate::items::{self, BatchSummary, InputError, InputErrorKind, Item, SEALED, SkipArgs};
@@ -65,6 +66,10 @@ pub(crate) struct Args {
     /// Default: no prior position.
     #[arg(long, value_name = "X,Y,Z,SD", allow_hyphen_values = true)]
     near: Option<PositionHint>,
+    /// Largest ± of a trusted pose: its position, its orientation, or both. A pose with a larger ± is doubtful. A position
+    /// without `cm` or `m` is in map units. Default: any ±; it is part of every answer.
+    #[arg(long, value_name = "25cm,2deg")]
+    need: Option<Need>,
     /// Output trusted poses only: a doubtful pose is withheld and counts as not found; its reasons for doubt are still
     /// reported.
     #[arg(long)]
@@ -93,9 +98,10 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         PositionPrior { center: Point3::new(x, y, z), sd: near.sd() }
     });
     if let Some(rig) = &args.rig {
-        return rig::run(&args.map, rig, &options, args.trusted_only, args.json, ui);
+        return rig::run(&args.map, rig, options, args.need, args.trusted_only, args.json, ui);
     }
     let map = MapFile::open(&args.map)?;
+    options.need = Need::in_map(args.need, &map)?;
     let sealing = args.images.read(&map, ui)?;
     let items = match &sealing {
         Some(sealing) => sealing.items(),

@@ -47,8 +47,8 @@ pub(crate) fn summarize(
 
 fn camera_errors(trusted: &[SelfTestTrial]) -> CameraErrors {
     let evidence: Vec<CameraEvidence> = trusted.iter().filter_map(|trial| trial.camera_evidence).collect();
-    let MapCameras { sd, min_log_odds } = MapCameras::fit(&evidence);
-    CameraErrors { sd, min_log_odds }
+    let MapCameras { sd, min_log_odds, min_focal_gain } = MapCameras::fit(&evidence);
+    CameraErrors { sd, min_log_odds, min_focal_gain }
 }
 
 /// The estimator's own covariances.

@@ -4,6 +4,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix6, Vector6};
 use veiloc_localization::Localization;
 use veiloc_map::{CovarianceCalibration, MapModel};
+use veiloc_pose::Doubt;
 use veiloc_pose::likelihood::CameraEvidence;
 
 /// An estimated pose of an image, and its error.
@@ -16,7 +17,7 @@ pub struct SelfTestTrial {
     pub covariance: [[f64; 6]; 6],
     /// The part of it that comes from the camera model.
     pub camera_covariance: [[f64; 6]; 6],
-    /// Whether the pose is trusted.
+    /// Whether the pose is trusted, given that its camera is right: it is the map's own.
     pub trusted: bool,
     /// Keypoint noise estimated from the inliers, pixels.
     pub noise_px: f64,
@@ -33,7 +34,7 @@ impl SelfTestTrial {
             step: found.cam_from_world.step_to(truth),
             covariance: found.own_covariance,
             camera_covariance: found.camera_covariance,
-            trusted: found.confidence.is_trusted(),
+            trusted: found.confidence.doubts().iter().all(Doubt::is_of_camera),
             noise_px: found.noise_px,
             camera_evidence: found.camera_evidence,
             looks_like: other_place(model, found, truth),

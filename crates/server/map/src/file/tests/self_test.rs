@@ -31,7 +31,11 @@ fn self_test() -> SelfTest {
                 rotation_floor: 0.001 * x,
                 translation_floor: 0.25,
             },
-            cameras: CameraErrors { sd: [0.01, 0.02, 0.03, 0.04, 0.05, 0.0625 * x], min_log_odds: 3.5 },
+            cameras: CameraErrors {
+                sd: [0.01, 0.02, 0.03, 0.04, 0.05, 0.0625 * x],
+                min_log_odds: 3.5,
+                min_focal_gain: 0.25 * x,
+            },
         }
     };
     SelfTest {

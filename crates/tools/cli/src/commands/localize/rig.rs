@@ -12,6 +12,7 @@ use veiloc_pose::State;
 use veiloc_protocol::SealedFrame;
 
 use super::document::{ConfidenceDocument, ErrorDocument, NoPoseKind, name_of, not_localized};
+use crate::args::need::Need;
 use crate::commands::rig_file;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::output::position::{position, unit_of};
@@ -92,16 +93,18 @@ struct FrameDocument {
 pub(super) fn run(
     map_path: &Path,
     rig: &Path,
-    options: &LocalizeOptions,
+    mut options: LocalizeOptions,
+    need: Option<Need>,
     trusted_only: bool,
     json: bool,
     ui: &Ui,
 ) -> Outcome {
     let map = MapFile::open(map_path)?;
+    options.need = Need::in_map(need, &map)?;
     let named = rig_file::read(rig)?;
     let (files, frames): (Vec<String>, Vec<SealedFrame>) =
         named.into_iter().map(|named| (named.file, named.sealed)).unzip();
-    let document = match localize_rig(&frames, &map, options) {
+    let document = match localize_rig(&frames, &map, &options) {
         Ok(found) if trusted_only && found.state != State::Trusted => {
             withheld(localized_rig(map_path, rig, &files, &found))
         }

@@ -203,6 +203,8 @@ struct CameraInfo {
     sd: [f64; 6],
     /// Logarithm of the odds from which on the camera of a query is called wrong.
     min_log_odds: f64,
+    /// Gain in log likelihood of another focal length from which on that of a query is doubted.
+    min_focal_gain: f64,
 }
 
 impl SelfTestInfo {
@@ -265,7 +267,11 @@ impl SchemeInfo {
                 rotation_floor_deg: test.calibration.rotation_floor.to_degrees(),
                 translation_floor: test.calibration.translation_floor,
             },
-            cameras: CameraInfo { sd: test.cameras.sd, min_log_odds: test.cameras.min_log_odds },
+            cameras: CameraInfo {
+                sd: test.cameras.sd,
+                min_log_odds: test.cameras.min_log_odds,
+                min_focal_gain: test.cameras.min_focal_gain,
+            },
         }
     }
 }
