@@ -110,21 +110,62 @@ impl<'a> CameraFrame<'a> {
         let (width, height) = self.size;
         let (columns, rows) = self.turns.size_of(self.size);
         let mut data = Vec::with_capacity(columns as usize * rows as usize);
-        let pixel = self.format.bytes();
-        let row = |y: u32| &self.bytes[y as usize * self.stride..][..width as usize * pixel];
-        let sample = |bytes: &[u8]| match *bytes {
-            [red, green, blue, _] if self.format == PixelFormat::Rgba => luma(red, green, blue),
-            [blue, green, red, _] => luma(red, green, blue),
-            _ => f32::from(bytes[0]) / 255.0,
-        };
-        let at = |x: u32, y: u32| sample(&row(y)[x as usize * pixel..][..pixel]);
         match self.turns.count() {
-            0 => (0..height).for_each(|y| data.extend(row(y).chunks_exact(pixel).map(sample))),
-            2 => (0..height).rev().for_each(|y| data.extend(row(y).chunks_exact(pixel).rev().map(sample))),
-            1 => (0..width).for_each(|x| data.extend((0..height).rev().map(|y| at(x, y)))),
-            _ => (0..width).rev().for_each(|x| data.extend((0..height).map(|y| at(x, y)))),
+            0 => (0..height).for_each(|y| data.extend(self.row(y))),
+            2 => (0..height).rev().for_each(|y| data.extend(self.row(y).rev())),
+            1 => (0..width).for_each(|x| data.extend((0..height).rev().map(|y| self.sample(x, y)))),
+            _ => (0..width).rev().for_each(|x| data.extend((0..height).map(|y| self.sample(x, y)))),
         }
         GrayImage::from_samples(columns, rows, data)
+    }
+
+    /// The gray bytes before the turn, `[height, width]` without gaps. A frame of them gives the same samples; those of
+    /// colours are rounded.
+    pub fn gray_bytes(&self) -> Vec<u8> {
+        (0..self.size.1).flat_map(|y| self.row(y)).map(|sample| (sample * 255.0).round() as u8).collect()
+    }
+
+    /// Mean square of the Laplacian of the gray bytes, or the green ones: comparable between frames of one view. Blur
+    /// lowers it; 0 for a frame of one shade, and for one that is less than three pixels wide or high.
+    ///
+    /// Of a frame whose longer side is `n` times 480 pixels, every `n`th pixel of every `n`th row is taken.
+    pub fn sharpness(&self) -> f64 {
+        let [width, height] = [self.size.0, self.size.1].map(|side| side as usize);
+        let step = (width.max(height) / 480).max(1);
+        let (pixel, green) = (self.format.bytes(), usize::from(self.format != PixelFormat::Gray));
+        let row = |y: usize| &self.bytes[y * self.stride..][..width * pixel];
+        let (mut sum, mut count) = (0_u64, 0_u32);
+        for y in (1..height.saturating_sub(1)).step_by(step) {
+            let rows = [y - 1, y, y + 1].map(row);
+            for x in (1..width.saturating_sub(1)).step_by(step) {
+                let at = |row: usize, x: usize| i32::from(rows[row][x * pixel + green]);
+                let around = at(0, x) + at(1, x - 1) + at(1, x + 1) + at(2, x);
+                sum += u64::from((around - 4 * at(1, x)).unsigned_abs().pow(2));
+                count += 1;
+            }
+        }
+        sum as f64 / f64::from(count.max(1))
+    }
+
+    /// The samples of a row, before the turn.
+    fn row(&self, y: u32) -> impl DoubleEndedIterator<Item = f32> + '_ {
+        let pixel = self.format.bytes();
+        let bytes = &self.bytes[y as usize * self.stride..][..self.size.0 as usize * pixel];
+        bytes.chunks_exact(pixel).map(|bytes| self.gray_of(bytes))
+    }
+
+    /// The sample of a pixel, before the turn.
+    fn sample(&self, x: u32, y: u32) -> f32 {
+        let pixel = self.format.bytes();
+        self.gray_of(&self.bytes[y as usize * self.stride + x as usize * pixel..][..pixel])
+    }
+
+    fn gray_of(&self, pixel: &[u8]) -> f32 {
+        match *pixel {
+            [red, green, blue, _] if self.format == PixelFormat::Rgba => luma(red, green, blue),
+            [blue, green, red, _] => luma(red, green, blue),
+            _ => f32::from(pixel[0]) / 255.0,
+        }
     }
 }
 
@@ -151,6 +192,37 @@ mod tests {
         let swapped: Vec<u8> = bytes.chunks(4).flat_map(|p| [p[2], p[1], p[0], p[3]]).collect();
         let bgra = CameraFrame::new(PixelFormat::Bgra, (5, 4), &swapped, 20).expect("a frame");
         assert_eq!(bgra.gray(), expected);
+    }
+
+    #[test]
+    fn gray_bytes_are_those_of_the_image_before_the_turn() {
+        let bytes = rgba();
+        let quarter = QuarterTurns::from_degrees(90).expect("a quarter");
+        let colour = CameraFrame::new(PixelFormat::Bgra, (5, 4), &bytes, 0).expect("a frame");
+        let gray = colour.turned(quarter).gray_bytes();
+        let rounded: Vec<u8> = colour.gray().data().iter().map(|v| (v * 255.0).round() as u8).collect();
+        assert_eq!(gray, rounded);
+        // Of gray bytes nothing is lost.
+        let padded: Vec<u8> = gray.chunks(5).flat_map(|row| row.iter().copied().chain([9; 3])).collect();
+        let frame = CameraFrame::new(PixelFormat::Gray, (5, 4), &padded, 8).expect("a frame");
+        assert_eq!(frame.gray_bytes(), gray);
+    }
+
+    #[test]
+    fn blur_in_any_direction_lowers_the_sharpness() {
+        let bytes: Vec<u8> = (0..64 * 48_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+        let frame = |bytes: &[u8]| {
+            CameraFrame::new(PixelFormat::Gray, (64, 48), bytes, 0).expect("a frame").sharpness()
+        };
+        let sharp = frame(&bytes);
+        for offset in [1, 64, 65] {
+            let moved = bytes.iter().zip(bytes[offset..].iter().chain(&bytes[..offset]));
+            let blurred: Vec<u8> = moved.map(|(a, b)| a.midpoint(*b)).collect();
+            assert!(frame(&blurred) < 0.8 * sharp, "{offset}: {} of {sharp}", frame(&blurred));
+        }
+        assert_eq!(frame(&vec![7; 64 * 48]), 0.0);
+        let narrow = CameraFrame::new(PixelFormat::Gray, (2, 40), &bytes, 0).expect("a frame");
+        assert_eq!(narrow.sharpness(), 0.0);
     }
 
     #[test]

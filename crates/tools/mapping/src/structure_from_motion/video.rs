@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use serde_json::{Value, json};
-use veiloc_features::Progress;
+use veiloc_features::{CameraFrame, PixelFormat, Progress};
 use veiloc_map::atomic_file::write_atomic;
 
 use super::pycolmap::tail;
@@ -247,16 +247,9 @@ impl Grey {
         i32::from(self.pixels[y * self.width + x])
     }
 
-    /// Mean square of the Laplacian: comparable between frames of one view.
     fn sharpness(&self) -> f64 {
-        let (w, h) = (self.width, self.height);
-        let inner = (1..h.saturating_sub(1)).flat_map(|y| (1..w.saturating_sub(1)).map(move |x| (x, y)));
-        let mut sum = 0_i64;
-        for (x, y) in inner {
-            let around = self.at(x - 1, y) + self.at(x + 1, y) + self.at(x, y - 1) + self.at(x, y + 1);
-            sum += i64::from((around - 4 * self.at(x, y)).pow(2));
-        }
-        sum as f64 / (w * h) as f64
+        let size = (self.width as u32, self.height as u32);
+        CameraFrame::new(PixelFormat::Gray, size, &self.pixels, 0).map_or(0.0, |frame| frame.sharpness())
     }
 
     /// Half the size, by means of four pixels.
