@@ -105,6 +105,9 @@ def test_seal_options_masks_and_schemes(rendered):
     down = truth.R @ [0, 0, -1]
     answer = model.localize(veiloc.seal(image, camera, profile, gravity=[*down, 1.0]))
     assert answer.gravity == "used"
+    for send, use in [(True, "used"), (False, None)]:
+        sealed = veiloc.Session().seal(image, camera, profile, down=down, send_gravity=send)
+        assert model.localize(sealed).gravity == use
 
 
 def test_session_resumes_from_bytes(rendered):

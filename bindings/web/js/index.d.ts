@@ -31,6 +31,8 @@ export interface Attitude {
   orientation: [number, number, number, number];
   /** Down direction in the camera frame. */
   down?: [number, number, number];
+  /** Its standard deviation, degrees; default 0.5. */
+  downSdDeg?: number;
 }
 
 export interface SealOptions {
@@ -49,8 +51,10 @@ export interface SealOptions {
   file?: Blob;
   /** The session that the image belongs to. */
   session?: Session;
-  /** Orientation of the camera; used only in a session. */
+  /** Orientation of the camera when it took the image. Its `down` is sent, rounded to about a degree; the rest, used only in a session, is not. */
   attitude?: Attitude | null;
+  /** Whether `attitude.down` is sent; default true. */
+  sendGravity?: boolean;
 }
 
 /** Prepares to seal for the map of a profile: starts a worker with the WebAssembly module. */

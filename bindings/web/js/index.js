@@ -142,7 +142,7 @@ class Device {
   /** Seals an image and returns the query with its steps and counts. */
   async sealed(image, camera = null, { session, attitude, file = image, ...options } = {}) {
     const head = { op: "seal", profile: this.#profile, camera, ...options };
-    if (session) Object.assign(head, { session: session.handle }, attitude);
+    Object.assign(head, session && { session: session.handle }, attitude);
     const [rest, transfer] = await sealArguments(head, image);
     // For the focal length in its EXIF data; the bytes stay in the worker.
     if (camera === null && file instanceof Blob) rest.file = new Uint8Array(await file.arrayBuffer());

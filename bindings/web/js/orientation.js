@@ -1,5 +1,5 @@
-// Orientation of the camera from the device's motion sensors. It stays on the device: a query holds only the rotation of its
-// session's layout.
+// Orientation of the camera from the device's motion sensors. It stays on the device, except for the direction of gravity: a query
+// holds that, rounded to about a degree, and the rotation of its session's layout.
 
 const times = ([a, b, c, d], [e, f, g, h]) => [
   a * e - b * f - c * g - d * h,
@@ -18,7 +18,7 @@ const about = (axis, degrees) => {
 /**
  * Orientation of the rear camera from the angles of a `deviceorientation` event and the angle of the screen, degrees: the
  * quaternion `w x y z` from the sensors' world (z up) to the camera (x right, y down, z forward, in the displayed frame), and
- * the down direction in the camera frame. `null` when an angle is missing.
+ * the down direction in the camera frame with its standard deviation, degrees. `null` when an angle is missing.
  */
 export function orientationOf({ alpha, beta, gamma }, screenAngle = 0) {
   if (![alpha, beta, gamma, screenAngle].every(Number.isFinite)) return null;
@@ -28,7 +28,7 @@ export function orientationOf({ alpha, beta, gamma }, screenAngle = 0) {
   const orientation = [w, -x, -y, -z];
   // The world's (0, 0, -1), rotated into the camera frame.
   const down = times(times(orientation, [0, 0, 0, -1]), [w, x, y, z]).slice(1);
-  return { orientation, down };
+  return { orientation, down, downSdDeg: 2 };
 }
 
 /**
@@ -42,7 +42,7 @@ export function orientationOfPose({ orientation: { x, y, z, w } }) {
   const [a, b, c, d] = times([w, x, y, z].map((q) => q / length), [0, 1, 0, 0]);
   const orientation = [a, -b, -c, -d];
   const down = times(times(orientation, [0, 0, -1, 0]), [a, b, c, d]).slice(1);
-  return { orientation, down };
+  return { orientation, down, downSdDeg: 0.5 };
 }
 
 /**

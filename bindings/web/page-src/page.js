@@ -198,7 +198,9 @@ async function prepare(inSession) {
   const { width, height } = image;
   // The bitmap goes to the worker; a copy is drawn.
   const copy = await createImageBitmap(image);
-  const attitude = inSession && el("oriented").checked ? now.sensors?.now() : null;
+  // Not for the image of a file, which the device took earlier, or another one.
+  const measured = inSession && now.source.kind === "camera" && el("oriented").checked;
+  const attitude = measured ? now.sensors?.now() : null;
   const session = inSession && sessions() ? now.session : undefined;
   const sealed = await now.device.sealed(copy, camera(width, height), { ...options(), session, attitude, file });
   return { image, width, height, sealed };

@@ -99,4 +99,10 @@ pub struct Seal {
     /// Down direction in the camera frame.
     #[serde(default)]
     pub down: Option<[f64; 3]>,
+    /// Its standard deviation, degrees; `None` for that of tracking.
+    #[serde(default)]
+    pub down_sd_deg: Option<f64>,
+    /// Whether `down` is sent; `None` for yes.
+    #[serde(default)]
+    pub send_gravity: Option<bool>,
 }

@@ -11,7 +11,9 @@ use veiloc_geometry::{Intrinsics, IntrinsicsError, Pixel};
 use veiloc_obfuscation::{
     DeviceLimits, Orientation, SealOptions, Session, extract_loaded, seal as seal_features,
 };
-use veiloc_protocol::{AngleBits, FocalKnowledge, Profile, QueryError, SealedQuery, SizeClass};
+use veiloc_protocol::{
+    AngleBits, CoarseGravity, FocalKnowledge, Profile, QueryError, SealedQuery, SizeClass,
+};
 
 use crate::error::WebError;
 use crate::message;
@@ -164,7 +166,12 @@ fn options(request: &Seal) -> Result<SealOptions, WebError> {
     if let Some(most) = request.max_image_side {
         options = options.with_limits(DeviceLimits { max_image_side: most, ..DeviceLimits::default() });
     }
-    Ok(options)
+    if request.send_gravity == Some(false) {
+        return Ok(options.without_gravity());
+    }
+    let sd_deg = request.down_sd_deg.unwrap_or(CoarseGravity::TRACKING_SD_DEG);
+    let gravity = request.down.map(|down| CoarseGravity::new(down, sd_deg)).transpose();
+    Ok(options.with_gravity(gravity.map_err(|e| wrong("down", e.to_string()))?))
 }
 
 fn orientation(request: &Seal) -> Result<Orientation, WebError> {

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_features::{GrayImage, Image};
 use veiloc_obfuscation::{SealOptions, extract_loaded, seal};
-use veiloc_protocol::{Profile, SealedQuery};
+use veiloc_protocol::{CoarseGravity, Profile, SealedQuery};
 use veiloc_web::device::Device;
 use veiloc_web::exports::reply;
 use veiloc_web::inspection::ATTACKS;
@@ -110,6 +110,30 @@ fn shown_lines_are_those_of_the_query() {
     }
     // With true neighbours the graph attack beats the prior-only baseline, so rows and true keypoints correspond.
     assert!(medians[3] < 0.5 * medians[0], "{medians:?}");
+}
+
+#[test]
+fn gravity_is_sent_in_and_without_a_session_unless_it_is_switched_off() {
+    let (mut device, seal_call) = device_and_seal_call();
+    let (session, _) = call(&mut device, &json!({"op": "session"}), &[&SEED]);
+    let pixels = pixels();
+    let mut gravity_of = |fields: &[(&str, Value)]| {
+        let mut seal_call = seal_call.clone();
+        for (field, value) in fields {
+            seal_call[field] = value.clone();
+        }
+        let (_, bytes) = call(&mut device, &seal_call, &[&SEED, &pixels]);
+        SealedQuery::decode(&bytes).expect("a query").gravity()
+    };
+    let down = ("down", json!([0.1, 0.9, 0.2]));
+    let rounded = |sd_deg| CoarseGravity::new([0.1, 0.9, 0.2], sd_deg).ok();
+    assert_eq!(gravity_of(&[]), None);
+    assert_eq!(gravity_of(&[down.clone()]), rounded(0.5));
+    assert_eq!(gravity_of(&[down.clone(), ("downSdDeg", json!(2))]), rounded(2.0));
+    let session = ("session", session["session"].clone());
+    let orientation = ("orientation", json!([1.0, 0.0, 0.0, 0.0]));
+    assert_eq!(gravity_of(&[down.clone(), session.clone(), orientation.clone()]), rounded(0.5));
+    assert_eq!(gravity_of(&[down, session, orientation, ("sendGravity", json!(false))]), None);
 }
 
 #[test]

@@ -246,6 +246,7 @@ class Session:
         *,
         orientation: npt.ArrayLike | None = None,
         down: npt.ArrayLike | None = None,
+        send_gravity: bool = True,
         scheme: Scheme = "dcl",
         max_keypoints: int | None = None,
         max_image_side: int | None = None,
@@ -259,7 +260,9 @@ class Session:
         Args:
             orientation: quaternion `[w, x, y, z]`, rotation from a fixed world frame to the camera (gyroscope,
                 odometry).
-            down: `[x, y, z]`, measured down direction in the camera frame; the session uses it and does not send it.
+            down: `[x, y, z]`, measured down direction in the camera frame, for the session's anchors. It is sent, rounded,
+                with a standard deviation of 0.5 degrees, unless `gravity` is given.
+            send_gravity: False does not send it.
             image, camera, profile, scheme, max_keypoints, max_image_side, angle_bits, gravity, focal, mask: as for `veiloc.seal`.
 
         Returns:

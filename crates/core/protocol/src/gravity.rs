@@ -37,6 +37,8 @@ impl CoarseGravity {
     pub const MAX_SD_DEG: f64 = 16.0;
     /// Default for a phone's accelerometer, degrees.
     pub const PHONE_SD_DEG: f64 = 2.0;
+    /// Default for tracking that combines gyroscope and accelerometer (ARKit, ARCore, WebXR, odometry), degrees.
+    pub const TRACKING_SD_DEG: f64 = 0.5;
 
     /// Rounding error about each axis across the direction, root mean square, degrees.
     pub const ROUNDING_SD_DEG: f64 = 0.26;

@@ -5,7 +5,7 @@ use veiloc_features::{Extractors, SharedGlobal};
 use veiloc_geometry::Stop;
 use veiloc_protocol::{AngleBits, CoarseGravity, ExtractionLimits, FocalKnowledge, Hints, Profile, Scheme};
 
-use crate::SealError;
+use crate::{Orientation, SealError};
 
 /// How an image is sealed. The device decides all of it; no option comes from a profile.
 ///
@@ -29,14 +29,16 @@ pub struct SealOptions {
     max_keypoints: Option<usize>,
     limits: DeviceLimits,
     hints: Hints,
+    sends_gravity: bool,
     extractors: Extractors,
     image_global: Option<SharedGlobal>,
     stop: Stop,
 }
 
 /// `dcl` with a vertical dividing line, 12-bit angles, as many keypoints as the profile requests within
-/// [`DeviceLimits::default`]; the camera is calibrated, gravity is not sent, features are SIFT
-/// ([`Extractors::for_sealing`]), and no global descriptor of the image is sent.
+/// [`DeviceLimits::default`]; the camera is calibrated, gravity is sent where the orientation of the camera has it
+/// ([`SealOptions::with_gravity_of`]), features are SIFT ([`Extractors::for_sealing`]), and no global descriptor of the
+/// image is sent.
 impl Default for SealOptions {
     fn default() -> Self {
         Self {
@@ -45,6 +47,7 @@ impl Default for SealOptions {
             max_keypoints: None,
             limits: DeviceLimits::default(),
             hints: Hints::default(),
+            sends_gravity: true,
             extractors: Extractors::for_sealing(),
             image_global: None,
             stop: Stop::default(),
@@ -110,6 +113,26 @@ impl SealOptions {
     #[must_use]
     pub const fn with_gravity(mut self, gravity: Option<CoarseGravity>) -> Self {
         self.hints.gravity = gravity;
+        self
+    }
+
+    /// These options without gravity, also where the orientation of the camera has it.
+    #[must_use]
+    pub const fn without_gravity(mut self) -> Self {
+        self.sends_gravity = false;
+        self.with_gravity(None)
+    }
+
+    /// These options with the gravity direction of an orientation ([`Orientation::with_down`]), if it has one, and a
+    /// standard deviation of [`CoarseGravity::TRACKING_SD_DEG`]. Nothing changes after [`Self::without_gravity`], and
+    /// where another direction is given ([`Self::with_gravity`]).
+    ///
+    /// [`Session::seal`](crate::Session::seal) does this by itself.
+    #[must_use]
+    pub fn with_gravity_of(mut self, held: &Orientation) -> Self {
+        if self.sends_gravity && self.hints.gravity.is_none() {
+            self.hints.gravity = held.coarse_gravity();
+        }
         self
     }
 

@@ -108,7 +108,8 @@ impl Session {
     /// Seals the next frame: as [`crate::seal`], with the session's layout.
     ///
     /// `held`: orientation of the camera. Without one, the frame continues only where recognized keypoints agree that
-    /// the camera rested or turned on the spot; otherwise it starts anew.
+    /// the camera rested or turned on the spot; otherwise it starts anew. Its gravity direction is sent
+    /// ([`SealOptions::with_gravity_of`]).
     ///
     /// An error leaves the session unchanged.
     ///
@@ -156,6 +157,7 @@ impl Session {
         look: impl FnOnce(&HiddenState<'_>) -> T,
     ) -> Result<(SealedQuery, T), SealError> {
         check(&features, profile)?;
+        let options = &options.clone().with_gravity_of(held);
         let placement = place_layout(self, &features, camera, options, held)?;
         let cam_from_layout = placement.turn.cam_from_layout();
         let in_world = self.options.anchors != SessionAnchors::Image;

@@ -3,8 +3,9 @@
 use veiloc_geometry::nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use veiloc_protocol::CoarseGravity;
 
-/// Orientation of the camera during a frame, as far as the device knows it. Never sent: a query contains the rotation
-/// of its layout relative to the camera, which is the difference to the session's first frame.
+/// Orientation of the camera during a frame, as far as the device knows it. The rotation is never sent: a query contains
+/// the rotation of its layout relative to the camera, which is the difference to the session's first frame. The gravity
+/// direction is sent, rounded ([`SealOptions::with_gravity_of`](crate::SealOptions::with_gravity_of)).
 ///
 /// Camera axes: `x` right, `y` down, `z` forward, of the image as its pixels are stored.
 #[derive(Clone, Copy, PartialEq, Default)]
@@ -52,9 +53,12 @@ impl Orientation {
     /// Gravity is rounded as in [`CoarseGravity`]: a query reveals the rotation of the level frame and so the sensor's
     /// value, whose further digits would identify the device (rule L6).
     pub(super) fn levelled(&self) -> Option<Rotation3<f64>> {
-        let down =
-            CoarseGravity::new(self.down?.into(), CoarseGravity::PHONE_SD_DEG).ok()?.in_camera().into();
-        levelled(down)
+        levelled(self.coarse_gravity()?.in_camera().into())
+    }
+
+    /// The gravity direction, rounded.
+    pub(crate) fn coarse_gravity(&self) -> Option<CoarseGravity> {
+        CoarseGravity::new(self.down?.into(), CoarseGravity::TRACKING_SD_DEG).ok()
     }
 }
 

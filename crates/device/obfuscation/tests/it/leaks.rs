@@ -282,9 +282,9 @@ fn l6_camera_identifies_no_device() {
 }
 
 /// L6: every accelerometer has its own error of some tenths of a degree; rounding hides it. Gravity is sent only if the
-/// caller gives it, and changes nothing else in the query.
+/// caller gives it, alone or with an orientation (`session.rs`), and changes nothing else in the query.
 #[test]
-fn l6_gravity_is_rounded_and_not_sent_by_default() {
+fn l6_gravity_is_rounded() {
     let features = || features_at(&uniform_pixels(256, 6), 6);
     let sealed = |options: &SealOptions| {
         seal(features(), &camera(), &profile(), options, &mut rng(6)).expect("sealed")

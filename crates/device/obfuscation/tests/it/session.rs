@@ -10,7 +10,7 @@ use veiloc_geometry::{Anchor, Intrinsics, Pencils, Pixel};
 use veiloc_obfuscation::{
     Orientation, SealError, SealOptions, SealTruth, Session, SessionAnchors, SessionOptions, seal,
 };
-use veiloc_protocol::{AnchoredLine, Observations, SealedQuery};
+use veiloc_protocol::{AnchoredLine, CoarseGravity, Observations, SealedQuery};
 
 const STRIPES: &str = "dcl:axis=115:sectors=20:anchors=0.23/-0.33+-0.88/-0.47";
 const LAYOUTS: [&str; 4] = ["dcl", "dcl:angle=30,s=2", STRIPES, "dcl:axis=90:sectors=16:anchors=@90+@0"];
@@ -189,6 +189,24 @@ fn image_anchors_are_sealed_as_single_frames() {
         session.seal(features(), &camera(), &profile, &seal_options, &held, &mut own).expect("a query");
     let alone = seal(features(), &camera(), &profile, &seal_options, &mut single).expect("a query");
     assert_eq!(of_session.encode(), alone.encode());
+}
+
+#[test]
+fn gravity_of_the_orientation_is_sent_unless_it_is_switched_off_or_given() {
+    let turn = turns()[0];
+    let down = [0.1, 0.97, 0.2];
+    let upright = held(turn).with_down(down).expect("a direction");
+    let sent = |options: &SealOptions, held: &Orientation| {
+        let mut session = Session::new(SessionOptions::default(), &mut rng(7));
+        let query = session.seal(seen(&turn).0, &camera(), &profile(), options, held, &mut rng(8));
+        query.expect("a query").gravity()
+    };
+    let options = SealOptions::default();
+    assert_eq!(sent(&options, &upright), CoarseGravity::new(down, 0.5).ok());
+    assert_eq!(sent(&options, &held(turn)), None);
+    assert_eq!(sent(&options.clone().without_gravity(), &upright), None);
+    let given = CoarseGravity::new([0.0, 1.0, 0.0], 2.0).ok();
+    assert_eq!(sent(&options.with_gravity(given), &upright), given);
 }
 
 #[test]
