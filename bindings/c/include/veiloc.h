@@ -141,6 +141,11 @@ typedef struct VeilocAlignment VeilocAlignment;
 // An answer: where a frame was taken.
 typedef struct VeilocAnswer VeilocAnswer;
 
+// The sharpest frames of the last second. Unlike other handles, one thread may offer frames while another seals.
+//
+// It copies the gray bytes of the frames that it keeps: at most `frames` times width times height.
+typedef struct VeilocBurst VeilocBurst;
+
 // A request to stop. Unlike other handles, any thread may use it while another seals with it.
 typedef struct VeilocCancellation VeilocCancellation;
 
@@ -149,6 +154,9 @@ typedef struct VeilocProfile VeilocProfile;
 
 // A sealed query.
 typedef struct VeilocQuery VeilocQuery;
+
+// A burst that was sealed.
+typedef struct VeilocSealedBurst VeilocSealedBurst;
 
 // Frames of one place, sealed so that their lines do not cross in the keypoints.
 typedef struct VeilocSession VeilocSession;
@@ -215,29 +223,20 @@ typedef struct VeilocAnswerInfo {
   uint32_t doubts;
 } VeilocAnswerInfo;
 
-// Bytes that the library made: freed by `veiloc_bytes_free`.
-typedef struct VeilocBytes {
-  // The first byte; null when there are none.
-  uint8_t *data;
-  // How many.
-  size_t length;
-} VeilocBytes;
-
-// A camera of COLMAP's models. The size is that of the frame as the sensor gives it, before it is turned.
-typedef struct VeilocCamera {
-  // Name of the model, for example `PINHOLE` (fx, fy, cx, cy), `OPENCV` (and k1, k2, p1, p2).
-  const char *model;
-  // Width, pixels.
-  uint32_t width;
-  // Height, pixels.
-  uint32_t height;
-  // Parameters in COLMAP's order, pixels; the centre of the first pixel is at (0.5, 0.5).
-  double params[16];
-  // How many of them the model has.
-  uint32_t param_count;
-  // A `VeilocFocal`.
-  uint32_t focal;
-} VeilocCamera;
+// Which frames a burst keeps, and how exact their poses are. Zero is the default of each.
+typedef struct VeilocBurstOptions {
+  // Most frames that are sealed together, 1 to 5; default 3. Each costs the service as much as one query.
+  uint32_t frames;
+  // How far back the frames reach, seconds; default 1.
+  double window;
+  // Standard deviation of the rotation between one kept frame and the next, degrees; default 0.1: of the tracking of
+  // ARKit and ARCore over a second.
+  double rotation_sd_deg;
+  // The same of the position, metres; default 0.01.
+  double translation_sd;
+  // Metres of a unit of the map; default 1. Where it is not known, use one frame.
+  double metres_per_unit;
+} VeilocBurstOptions;
 
 // A frame of the camera: bytes that stay where the camera wrote them.
 typedef struct VeilocFrame {
@@ -259,6 +258,22 @@ typedef struct VeilocFrame {
   int32_t turn_degrees;
 } VeilocFrame;
 
+// A camera of COLMAP's models. The size is that of the frame as the sensor gives it, before it is turned.
+typedef struct VeilocCamera {
+  // Name of the model, for example `PINHOLE` (fx, fy, cx, cy), `OPENCV` (and k1, k2, p1, p2).
+  const char *model;
+  // Width, pixels.
+  uint32_t width;
+  // Height, pixels.
+  uint32_t height;
+  // Parameters in COLMAP's order, pixels; the centre of the first pixel is at (0.5, 0.5).
+  double params[16];
+  // How many of them the model has.
+  uint32_t param_count;
+  // A `VeilocFocal`.
+  uint32_t focal;
+} VeilocCamera;
+
 // How a frame is sealed: the device's choice. All zeros are the defaults.
 typedef struct VeilocOptions {
   // `dcl` (also for null), its layouts, `random-lines` or `coordinate-permutation`.
@@ -269,12 +284,30 @@ typedef struct VeilocOptions {
   uint32_t max_image_side;
   // Bits of an angle; 0 for 12.
   uint32_t angle_bits;
-  // Whether the direction of gravity is sent, rounded to about a degree. It needs the pose of the camera, in axes
-  // whose vertical is gravity, as in ARKit and ARCore.
-  bool send_gravity;
+  // Without it, the direction of gravity is sent, rounded to about a degree, where the pose of the camera is known: the
+  // vertical of its world is gravity, as in ARKit and ARCore.
+  bool without_gravity;
   // A request that another thread may make to stop the call; null for none.
   const struct VeilocCancellation *cancellation;
 } VeilocOptions;
+
+// Bytes that the library made: freed by `veiloc_bytes_free`.
+typedef struct VeilocBytes {
+  // The first byte; null when there are none.
+  uint8_t *data;
+  // How many.
+  size_t length;
+} VeilocBytes;
+
+// What is known about a burst that was sealed.
+typedef struct VeilocSealedBurstInfo {
+  // Frames that were sealed.
+  uint32_t frames;
+  // Frames that could not be sealed.
+  uint32_t left_out;
+  // The newest frame that was sealed, for `veiloc_advice`. It has no steps.
+  struct VeilocQueryInfo newest;
+} VeilocSealedBurstInfo;
 
 // Counts of a session.
 typedef struct VeilocSessionInfo {
@@ -371,6 +404,57 @@ enum VeilocStatus veiloc_answer_accuracy(const struct VeilocAnswer *answer,
 // Frees an answer.
 void veiloc_answer_free(struct VeilocAnswer *answer);
 
+// Begins a burst without frames. `options`: null for the defaults.
+enum VeilocStatus veiloc_burst_new(const struct VeilocBurstOptions *options, struct VeilocBurst **out);
+
+// Takes a frame of the camera if it is the sharpest of its part of the window so far. Offer every frame while the AR
+// framework tracks the camera.
+//
+// - `camera`: null for a guessed focal length.
+// - `camera_in_world`: the pose of the camera when it took the frame, in `pose_axes` (a `VeilocAxes`).
+// - `timestamp`: seconds of any clock that does not jump, when the camera took the frame.
+enum VeilocStatus veiloc_burst_offer(const struct VeilocBurst *burst,
+                                     const struct VeilocFrame *frame,
+                                     const struct VeilocCamera *camera_of_frame,
+                                     uint32_t pose_axes,
+                                     const struct VeilocPose *camera_in_world,
+                                     double timestamp);
+
+// Frames that `veiloc_burst_seal` would seal; 0 for null.
+uint32_t veiloc_burst_frames(const struct VeilocBurst *burst);
+
+// Drops the frames: for a new AR session, or when the framework says that it lost its world. Does nothing for null.
+void veiloc_burst_clear(const struct VeilocBurst *burst);
+
+// Seals the frames in the session of their place, and forgets them. A frame that cannot be sealed is left out.
+// `options`: null for the defaults.
+//
+// Fails when no frame can be sealed; the session has not changed then, and the frames are gone.
+enum VeilocStatus veiloc_burst_seal(const struct VeilocBurst *burst,
+                                    const struct VeilocProfile *profile,
+                                    struct VeilocSession *session,
+                                    const struct VeilocOptions *seal_options,
+                                    struct VeilocSealedBurst **out);
+
+// Frees a burst.
+void veiloc_burst_free(struct VeilocBurst *burst);
+
+// The bytes of a sealed burst, for `POST /v1/maps/{map}/localize-rig`: all that leaves the device. After a network
+// error, send the same bytes again.
+enum VeilocStatus veiloc_sealed_burst_bytes(const struct VeilocSealedBurst *sealed,
+                                            struct VeilocBytes *out);
+
+// The pose of the camera when it took the newest frame of the burst: with the answer, for `veiloc_alignment_add`.
+enum VeilocStatus veiloc_sealed_burst_camera_in_world(const struct VeilocSealedBurst *sealed,
+                                                      uint32_t pose_axes,
+                                                      struct VeilocPose *out);
+
+// What is known about a sealed burst; zeros for null.
+struct VeilocSealedBurstInfo veiloc_sealed_burst_info(const struct VeilocSealedBurst *sealed);
+
+// Frees a sealed burst.
+void veiloc_sealed_burst_free(struct VeilocSealedBurst *sealed);
+
 // Frees bytes that the library made. Bytes without data may be freed.
 void veiloc_bytes_free(struct VeilocBytes bytes);
 
@@ -413,7 +497,7 @@ void veiloc_profile_free(struct VeilocProfile *profile);
 // - `camera`: null for a guessed focal length.
 // - `options`: null for the defaults.
 // - `camera_in_world`: the pose of the camera when it took the frame, in `pose_axes` (a `VeilocAxes`); null when it
-//   is not known. It stays on the device.
+//   is not known. It stays on the device, except for gravity (`VeilocOptions`).
 //
 // Fails with `Unbalanced` when the query could not determine a pose; the session has not changed then, and another
 // frame costs nothing.

@@ -29,6 +29,8 @@ struct Free {
   void operator()(VeilocProfile *handle) const { veiloc_profile_free(handle); }
   void operator()(VeilocSession *handle) const { veiloc_session_free(handle); }
   void operator()(VeilocQuery *handle) const { veiloc_query_free(handle); }
+  void operator()(VeilocBurst *handle) const { veiloc_burst_free(handle); }
+  void operator()(VeilocSealedBurst *handle) const { veiloc_sealed_burst_free(handle); }
   void operator()(VeilocAnswer *handle) const { veiloc_answer_free(handle); }
   void operator()(VeilocAlignment *handle) const { veiloc_alignment_free(handle); }
   void operator()(VeilocCancellation *handle) const { veiloc_cancellation_free(handle); }
@@ -37,6 +39,10 @@ struct Free {
 using Profile = std::unique_ptr<VeilocProfile, Free>;
 using Session = std::unique_ptr<VeilocSession, Free>;
 using Query = std::unique_ptr<VeilocQuery, Free>;
+/// `veiloc_burst_frames` and `veiloc_burst_clear` from any thread.
+using Burst = std::unique_ptr<VeilocBurst, Free>;
+/// `veiloc_sealed_burst_info` has its numbers.
+using SealedBurst = std::unique_ptr<VeilocSealedBurst, Free>;
 using Answer = std::unique_ptr<VeilocAnswer, Free>;
 using Alignment = std::unique_ptr<VeilocAlignment, Free>;
 /// For `VeilocOptions::cancellation`; `veiloc_cancel` from any thread.
@@ -87,6 +93,39 @@ inline Bytes bytes(const Query &query, uint32_t rows = 0) {
   VeilocBytes made{};
   check(veiloc_query_bytes(query.get(), rows, &made));
   return taken(made);
+}
+
+/// `options` may be null.
+inline Burst burst(const VeilocBurstOptions *options = nullptr) {
+  VeilocBurst *handle = nullptr;
+  check(veiloc_burst_new(options, &handle));
+  return Burst(handle);
+}
+
+/// `camera` may be null. `timestamp`: seconds.
+inline void offer(const Burst &burst, const VeilocFrame &frame, const VeilocCamera *camera, VeilocAxes axes,
+                  const VeilocPose &camera_in_world, double timestamp) {
+  check(veiloc_burst_offer(burst.get(), &frame, camera, axes, &camera_in_world, timestamp));
+}
+
+/// `options` may be null.
+inline SealedBurst seal(const Burst &burst, const Profile &profile, const Session &session,
+                        const VeilocOptions *options = nullptr) {
+  VeilocSealedBurst *handle = nullptr;
+  check(veiloc_burst_seal(burst.get(), profile.get(), session.get(), options, &handle));
+  return SealedBurst(handle);
+}
+
+inline Bytes bytes(const SealedBurst &sealed) {
+  VeilocBytes made{};
+  check(veiloc_sealed_burst_bytes(sealed.get(), &made));
+  return taken(made);
+}
+
+inline VeilocPose camera_in_world(const SealedBurst &sealed, VeilocAxes axes) {
+  VeilocPose pose{};
+  check(veiloc_sealed_burst_camera_in_world(sealed.get(), axes, &pose));
+  return pose;
 }
 
 inline Answer answer(const uint8_t *bytes, size_t length) {

@@ -27,6 +27,7 @@
 pub mod advice;
 pub mod alignment;
 pub mod answer;
+pub mod burst;
 pub mod bytes;
 pub mod camera;
 pub mod cancellation;

@@ -5,7 +5,7 @@ use std::ffi::c_char;
 use rand_chacha::ChaCha20Rng;
 use veiloc_ar::{SealedCameraFrame, rig_message, seal_to_send};
 use veiloc_obfuscation::{DeviceLimits, SealOptions, device_rng};
-use veiloc_protocol::{AngleBits, CoarseGravity, Profile, Scheme, SizeClass};
+use veiloc_protocol::{AngleBits, Profile, Scheme, SizeClass};
 
 use crate::bytes::VeilocBytes;
 use crate::camera::{VeilocCamera, VeilocFrame, camera};
@@ -28,9 +28,9 @@ pub struct VeilocOptions {
     pub max_image_side: u32,
     /// Bits of an angle; 0 for 12.
     pub angle_bits: u32,
-    /// Whether the direction of gravity is sent, rounded to about a degree. It needs the pose of the camera, in axes
-    /// whose vertical is gravity, as in ARKit and ARCore.
-    pub send_gravity: bool,
+    /// The direction of gravity is sent, rounded to about a degree, where the pose of the camera is known, unless this is
+    /// true. Set it for a world whose vertical is not gravity, unlike those of ARKit and ARCore.
+    pub without_gravity: bool,
     /// A request that another thread may make to stop the call; null for none.
     pub cancellation: *const VeilocCancellation,
 }
@@ -70,7 +70,7 @@ enum Randomness {
 /// - `camera`: null for a guessed focal length.
 /// - `options`: null for the defaults.
 /// - `camera_in_world`: the pose of the camera when it took the frame, in `pose_axes` (a `VeilocAxes`); null when it
-///   is not known. It stays on the device.
+///   is not known. It stays on the device, except for gravity (`VeilocOptions`).
 ///
 /// Fails with `Unbalanced` when the query could not determine a pose; the session has not changed then, and another
 /// frame costs nothing.
@@ -141,7 +141,7 @@ impl Arguments {
         let pose = unsafe { pointers::optional(self.camera_in_world) };
         let pose = pose.map(|pose| pose.cam_from_ar(axes(self.pose_axes)?)).transpose()?;
         // SAFETY: as above.
-        let options = unsafe { options(self.options, pose.as_ref()) }?;
+        let options = unsafe { options(self.options) }?;
         let mut rng = match randomness {
             Randomness::Device => device_rng()?,
             Randomness::Seed(seed) => rand_chacha::rand_core::SeedableRng::from_seed(seed),
@@ -157,10 +157,7 @@ impl Arguments {
 
 /// # Safety
 /// `given` is null or valid, and so are its scheme and its cancellation.
-unsafe fn options(
-    given: *const VeilocOptions,
-    pose: Option<&veiloc_ar::CameraFromAr>,
-) -> Result<SealOptions, Failure> {
+pub(crate) unsafe fn options(given: *const VeilocOptions) -> Result<SealOptions, Failure> {
     // SAFETY: the caller guarantees it.
     let Some(given) = (unsafe { pointers::optional(given) }) else { return Ok(SealOptions::default()) };
     let argument = |e: &dyn std::fmt::Display| Failure::new(VeilocStatus::Argument, e);
@@ -180,12 +177,8 @@ unsafe fn options(
         let limits = DeviceLimits { max_image_side: given.max_image_side, ..DeviceLimits::default() };
         options = options.with_limits(limits);
     }
-    if given.send_gravity {
-        let pose =
-            pose.ok_or_else(|| argument(&"gravity is known from the pose of the camera, which is null"))?;
-        let down = veiloc_ar::down_in_camera(pose);
-        let gravity = CoarseGravity::new(down, CoarseGravity::PHONE_SD_DEG).map_err(|e| argument(&e))?;
-        options = options.with_gravity(Some(gravity));
+    if given.without_gravity {
+        options = options.without_gravity();
     }
     // SAFETY: as above.
     if let Some(cancellation) = unsafe { pointers::optional(given.cancellation) } {

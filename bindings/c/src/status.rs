@@ -5,7 +5,7 @@ use std::ffi::{CString, c_char};
 use std::fmt::Display;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use veiloc_ar::FrameError;
+use veiloc_ar::{BurstError, FrameError};
 use veiloc_obfuscation::{SealError, SealErrorKind};
 
 /// What an app does about an error.
@@ -74,6 +74,15 @@ impl From<FrameError> for Failure {
         match error {
             FrameError::Seal(error) => error.into(),
             FrameError::Unbalanced(error) => Self::new(VeilocStatus::Unbalanced, error),
+        }
+    }
+}
+
+impl From<BurstError> for Failure {
+    fn from(error: BurstError) -> Self {
+        match error {
+            BurstError::Frame(error) => error.into(),
+            error => Self::new(VeilocStatus::Argument, error),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::fmt::Display;
 
-use veiloc_ar::FrameError;
+use veiloc_ar::{BurstError, FrameError};
 use veiloc_obfuscation::{SealError, SealErrorKind};
 
 /// Why a call failed, by what an app does about it.
@@ -70,6 +70,15 @@ impl From<FrameError> for VeilocException {
         match error {
             FrameError::Seal(error) => error.into(),
             FrameError::Unbalanced(error) => Self::Unbalanced(error.to_string()),
+        }
+    }
+}
+
+impl From<BurstError> for VeilocException {
+    fn from(error: BurstError) -> Self {
+        match error {
+            BurstError::Frame(error) => error.into(),
+            error => Self::argument(error),
         }
     }
 }

@@ -19,6 +19,7 @@
 pub mod advice;
 pub mod alignment;
 pub mod answer;
+pub mod burst;
 pub mod camera;
 pub mod cancellation;
 pub mod error;

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use rand_chacha::ChaCha20Rng;
-use veiloc_ar::{CameraFromAr, SealedCameraFrame, rig_message, seal_to_send};
+use veiloc_ar::{SealedCameraFrame, rig_message, seal_to_send};
 use veiloc_geometry::Stop;
 use veiloc_obfuscation::{DeviceLimits, device_rng};
-use veiloc_protocol::{AngleBits, CoarseGravity, Scheme, SizeClass};
+use veiloc_protocol::{AngleBits, Scheme, SizeClass};
 
 use crate::camera::{Camera, FrameLayout, known_camera};
 use crate::cancellation::Cancellation;
@@ -16,7 +16,7 @@ use crate::profile::Profile;
 use crate::session::Session;
 
 /// How a frame is sealed: the device's choice.
-#[derive(Debug, Clone, Default, PartialEq, Eq, uniffi::Record)]
+#[derive(Debug, Clone, PartialEq, Eq, uniffi::Record)]
 pub struct SealOptions {
     /// `dcl` (the default), its layouts, `random-lines` or `coordinate-permutation`.
     #[uniffi(default = None)]
@@ -30,16 +30,24 @@ pub struct SealOptions {
     /// Bits of an angle. Default 12.
     #[uniffi(default = None)]
     pub angle_bits: Option<u8>,
-    /// Whether the direction of gravity is sent, rounded to about a degree. It needs the pose of the camera.
-    #[uniffi(default = false)]
+    /// Whether the direction of gravity is sent, rounded to about a degree, where the pose of the camera is known. Not for
+    /// a world whose vertical is not gravity, unlike those of ARKit and ARCore.
+    #[uniffi(default = true)]
     pub send_gravity: bool,
+}
+
+impl Default for SealOptions {
+    fn default() -> Self {
+        let (scheme, max_keypoints, max_image_side, angle_bits) = (None, None, None, None);
+        Self { scheme, max_keypoints, max_image_side, angle_bits, send_gravity: true }
+    }
 }
 
 /// A sealed query.
 #[derive(uniffi::Object)]
 pub struct Query {
-    sealed: SealedCameraFrame,
-    profile: Arc<Profile>,
+    pub(crate) sealed: SealedCameraFrame,
+    pub(crate) profile: Arc<Profile>,
 }
 
 /// Seals a frame.
@@ -47,7 +55,8 @@ pub struct Query {
 /// - `bytes`: of the frame; in Kotlin a direct `ByteBuffer` that begins with the frame.
 /// - `camera`: without one, a guessed focal length.
 /// - `session`: without one, a frame of its own. Frames of one place belong to one session.
-/// - `camera_in_world`: the pose of the camera when it took the frame. It stays on the device.
+/// - `camera_in_world`: the pose of the camera when it took the frame. It stays on the device, except for gravity
+///   (`SealOptions`).
 /// - `cancellation`: a request that another thread may make to stop the call.
 ///
 /// # Errors
@@ -108,7 +117,7 @@ fn seal_with(
     let frame = layout.frame(bytes)?;
     let camera = known_camera(camera, layout)?;
     let pose = camera_in_world.map(CameraPose::cam_from_ar).transpose()?;
-    let options = options.unwrap_or_default().lowered(pose.as_ref())?.with_stop(stop);
+    let options = options.unwrap_or_default().lowered()?.with_stop(stop);
     let mut stored = session.as_ref().map(|session| session.locked());
     let sealed =
         seal_to_send(stored.as_deref_mut(), &frame, &camera, &profile.profile, &options, pose.as_ref(), rng)?;
@@ -116,10 +125,7 @@ fn seal_with(
 }
 
 impl SealOptions {
-    fn lowered(
-        &self,
-        pose: Option<&CameraFromAr>,
-    ) -> Result<veiloc_obfuscation::SealOptions, VeilocException> {
+    pub(crate) fn lowered(&self) -> Result<veiloc_obfuscation::SealOptions, VeilocException> {
         let mut options = match &self.scheme {
             Some(scheme) => veiloc_obfuscation::SealOptions::new(
                 scheme.parse::<Scheme>().map_err(VeilocException::argument)?,
@@ -135,13 +141,8 @@ impl SealOptions {
         if let Some(most) = self.max_image_side {
             options = options.with_limits(DeviceLimits { max_image_side: most, ..DeviceLimits::default() });
         }
-        if self.send_gravity {
-            let without = || {
-                VeilocException::argument("gravity is known from the pose of the camera, which is missing")
-            };
-            let down = veiloc_ar::down_in_camera(pose.ok_or_else(without)?);
-            let gravity = CoarseGravity::new(down, CoarseGravity::PHONE_SD_DEG);
-            options = options.with_gravity(Some(gravity.map_err(VeilocException::argument)?));
+        if !self.send_gravity {
+            options = options.without_gravity();
         }
         Ok(options)
     }

@@ -117,6 +117,24 @@ namespace Veiloc
     [StructLayout(LayoutKind.Sequential)]
     public struct SessionInfo { public uint Frames, Starts; }
 
+    /// <summary>Which frames a burst keeps, and how exact their poses are: see veiloc.h. Zero is the default of each.</summary>
+    [StructLayout(LayoutKind.Sequential)]
+    public struct BurstOptions
+    {
+        public uint Frames;
+        /// <summary>Seconds.</summary>
+        public double Window;
+        public double RotationSdDeg, TranslationSd, MetresPerUnit;
+    }
+
+    [StructLayout(LayoutKind.Sequential)]
+    public struct SealedBurstInfo
+    {
+        public uint Frames, LeftOut;
+        /// <summary>The newest frame that was sealed. It has no steps.</summary>
+        public QueryInfo Newest;
+    }
+
     internal static class Native
     {
 #if UNITY_IOS && !UNITY_EDITOR
@@ -152,7 +170,7 @@ namespace Veiloc
         {
             internal IntPtr Scheme;
             internal uint MaxKeypoints, MaxImageSide, AngleBits;
-            [MarshalAs(UnmanagedType.U1)] internal bool SendGravity;
+            [MarshalAs(UnmanagedType.U1)] internal bool WithoutGravity;
             internal IntPtr Cancellation;
         }
 
@@ -177,6 +195,16 @@ namespace Veiloc
         [DllImport(Library)] internal static extern QueryInfo veiloc_query_info(IntPtr query);
         [DllImport(Library)] internal static extern Status veiloc_query_bytes(IntPtr query, uint rows, out Bytes bytes);
         [DllImport(Library)] internal static extern void veiloc_query_free(IntPtr query);
+        [DllImport(Library)] internal static extern Status veiloc_burst_new(ref BurstOptions options, out IntPtr handle);
+        [DllImport(Library)] internal static extern Status veiloc_burst_offer(IntPtr burst, ref Frame frame, IntPtr camera, uint axes, ref Pose pose, double timestamp);
+        [DllImport(Library)] internal static extern uint veiloc_burst_frames(IntPtr burst);
+        [DllImport(Library)] internal static extern void veiloc_burst_clear(IntPtr burst);
+        [DllImport(Library)] internal static extern Status veiloc_burst_seal(IntPtr burst, IntPtr profile, IntPtr session, ref Options options, out IntPtr handle);
+        [DllImport(Library)] internal static extern void veiloc_burst_free(IntPtr burst);
+        [DllImport(Library)] internal static extern Status veiloc_sealed_burst_bytes(IntPtr sealedBurst, out Bytes bytes);
+        [DllImport(Library)] internal static extern Status veiloc_sealed_burst_camera_in_world(IntPtr sealedBurst, uint axes, out Pose pose);
+        [DllImport(Library)] internal static extern SealedBurstInfo veiloc_sealed_burst_info(IntPtr sealedBurst);
+        [DllImport(Library)] internal static extern void veiloc_sealed_burst_free(IntPtr sealedBurst);
         [DllImport(Library)] internal static extern Status veiloc_answer_new(byte[] bytes, UIntPtr length, out IntPtr handle);
         [DllImport(Library)] internal static extern AnswerInfo veiloc_answer_info(IntPtr answer);
         [DllImport(Library)] internal static extern Status veiloc_answer_camera_in_map(IntPtr answer, uint axes, double metresPerUnit, out Pose pose);
@@ -216,6 +244,44 @@ namespace Veiloc
         }
 
         internal static byte[] Utf8(string text) { return Encoding.UTF8.GetBytes(text + "\0"); }
+
+        internal static Options OptionsOf(bool sendGravity, Veiloc.Cancellation cancellation)
+        {
+            return new Options { WithoutGravity = !sendGravity, Cancellation = cancellation == null ? IntPtr.Zero : cancellation.Value };
+        }
+
+        /// <summary>A frame and its camera in memory of the library's layout.</summary>
+        internal sealed class Input : IDisposable
+        {
+            internal Frame Frame;
+            internal IntPtr Camera = IntPtr.Zero;
+            GCHandle model;
+
+            internal Input(IntPtr pixels, long length, FrameLayout layout, Veiloc.Camera camera)
+            {
+                Frame = new Frame
+                {
+                    Bytes = pixels, Length = (UIntPtr)(ulong)length, Format = (uint)layout.Format, Width = layout.Width, Height = layout.Height,
+                    RowStride = (UIntPtr)layout.RowStride, TurnDegrees = layout.TurnDegrees,
+                };
+                if (camera == null) return;
+                model = GCHandle.Alloc(Utf8(camera.Model), GCHandleType.Pinned);
+                var native = new Camera
+                {
+                    Model = model.AddrOfPinnedObject(), Width = camera.Width, Height = camera.Height, Params = new double[16],
+                    ParamCount = (uint)camera.Params.Length, Focal = (uint)camera.Focal,
+                };
+                Array.Copy(camera.Params, native.Params, Math.Min(16, camera.Params.Length));
+                this.Camera = Marshal.AllocHGlobal(Marshal.SizeOf(typeof(Camera)));
+                Marshal.StructureToPtr(native, this.Camera, false);
+            }
+
+            public void Dispose()
+            {
+                Marshal.FreeHGlobal(Camera);
+                if (model.IsAllocated) model.Free();
+            }
+        }
     }
 
     /// <summary>The owner of a handle: freed by Dispose, or by the garbage collector.</summary>
@@ -330,18 +396,19 @@ namespace Veiloc
         /// <param name="pixels">The first byte; in Unity NativeArrayUnsafeUtility.GetUnsafeReadOnlyPtr of XRCpuImage.GetPlane(0).data.</param>
         /// <param name="camera">Null for a guessed focal length.</param>
         /// <param name="session">Null for a frame of its own.</param>
-        /// <param name="pose">The pose of the camera when it took the frame. It stays on the device.</param>
+        /// <param name="pose">The pose of the camera when it took the frame. It stays on the device, except for gravity.</param>
         /// <param name="cancellation">Null for a call that is not stopped.</param>
-        public static Query Seal(Profile profile, IntPtr pixels, long length, FrameLayout layout, Camera camera = null, Session session = null, Axes axes = Axes.Unity, Pose? pose = null, Cancellation cancellation = null)
+        /// <param name="sendGravity">Whether the direction of gravity is sent, rounded to about a degree, where the pose is known.</param>
+        public static Query Seal(Profile profile, IntPtr pixels, long length, FrameLayout layout, Camera camera = null, Session session = null, Axes axes = Axes.Unity, Pose? pose = null, Cancellation cancellation = null, bool sendGravity = true)
         {
-            return Seal(profile, pixels, length, layout, camera, session, axes, pose, cancellation, null);
+            return Seal(profile, pixels, length, layout, camera, session, axes, pose, cancellation, sendGravity, null);
         }
 
         /// <summary>As above, for bytes of C#.</summary>
-        public static Query Seal(Profile profile, byte[] pixels, FrameLayout layout, Camera camera = null, Session session = null, Axes axes = Axes.Unity, Pose? pose = null, Cancellation cancellation = null)
+        public static Query Seal(Profile profile, byte[] pixels, FrameLayout layout, Camera camera = null, Session session = null, Axes axes = Axes.Unity, Pose? pose = null, Cancellation cancellation = null, bool sendGravity = true)
         {
             var pinned = GCHandle.Alloc(pixels, GCHandleType.Pinned);
-            try { return Seal(profile, pinned.AddrOfPinnedObject(), pixels.Length, layout, camera, session, axes, pose, cancellation, null); }
+            try { return Seal(profile, pinned.AddrOfPinnedObject(), pixels.Length, layout, camera, session, axes, pose, cancellation, sendGravity, null); }
             finally { pinned.Free(); }
         }
 
@@ -350,61 +417,40 @@ namespace Veiloc
         public static Query SealSeeded(Profile profile, byte[] pixels, FrameLayout layout, Camera camera, byte[] seed)
         {
             var pinned = GCHandle.Alloc(pixels, GCHandleType.Pinned);
-            try { return Seal(profile, pinned.AddrOfPinnedObject(), pixels.Length, layout, camera, null, Axes.Unity, null, null, seed); }
+            try { return Seal(profile, pinned.AddrOfPinnedObject(), pixels.Length, layout, camera, null, Axes.Unity, null, null, true, seed); }
             finally { pinned.Free(); }
         }
 #endif
 
-        static Query Seal(Profile profile, IntPtr pixels, long length, FrameLayout layout, Camera camera, Session session, Axes axes, Pose? pose, Cancellation cancellation, byte[] seed)
+        static Query Seal(Profile profile, IntPtr pixels, long length, FrameLayout layout, Camera camera, Session session, Axes axes, Pose? pose, Cancellation cancellation, bool sendGravity, byte[] seed)
         {
-            var frame = new Native.Frame
-            {
-                Bytes = pixels, Length = (UIntPtr)(ulong)length, Format = (uint)layout.Format, Width = layout.Width, Height = layout.Height,
-                RowStride = (UIntPtr)layout.RowStride, TurnDegrees = layout.TurnDegrees,
-            };
-            IntPtr handle, cameraAt = IntPtr.Zero, poseAt = IntPtr.Zero, optionsAt = IntPtr.Zero;
-            var model = default(GCHandle);
+            IntPtr handle, poseAt = IntPtr.Zero, optionsAt = Marshal.AllocHGlobal(Marshal.SizeOf(typeof(Native.Options)));
             try
             {
-                if (camera != null)
-                {
-                    model = GCHandle.Alloc(Native.Utf8(camera.Model), GCHandleType.Pinned);
-                    var native = new Native.Camera
-                    {
-                        Model = model.AddrOfPinnedObject(), Width = camera.Width, Height = camera.Height, Params = new double[16],
-                        ParamCount = (uint)camera.Params.Length, Focal = (uint)camera.Focal,
-                    };
-                    Array.Copy(camera.Params, native.Params, Math.Min(16, camera.Params.Length));
-                    cameraAt = Marshal.AllocHGlobal(Marshal.SizeOf(typeof(Native.Camera)));
-                    Marshal.StructureToPtr(native, cameraAt, false);
-                }
+                Marshal.StructureToPtr(Native.OptionsOf(sendGravity, cancellation), optionsAt, false);
                 if (pose.HasValue)
                 {
                     poseAt = Marshal.AllocHGlobal(Marshal.SizeOf(typeof(Pose)));
                     Marshal.StructureToPtr(pose.Value, poseAt, false);
                 }
-                if (cancellation != null)
-                {
-                    optionsAt = Marshal.AllocHGlobal(Marshal.SizeOf(typeof(Native.Options)));
-                    Marshal.StructureToPtr(new Native.Options { Cancellation = cancellation.Value }, optionsAt, false);
-                }
                 var sessionAt = session == null ? IntPtr.Zero : session.Value;
-#if VEILOC_SEEDED
-                if (seed != null)
+                using (var input = new Native.Input(pixels, length, layout, camera))
                 {
-                    Native.Check(Native.veiloc_seal_seeded(profile.Value, sessionAt, ref frame, cameraAt, optionsAt, (uint)axes, poseAt, seed, out handle));
+#if VEILOC_SEEDED
+                    if (seed != null)
+                    {
+                        Native.Check(Native.veiloc_seal_seeded(profile.Value, sessionAt, ref input.Frame, input.Camera, optionsAt, (uint)axes, poseAt, seed, out handle));
+                        return new Query(handle);
+                    }
+#endif
+                    Native.Check(Native.veiloc_seal(profile.Value, sessionAt, ref input.Frame, input.Camera, optionsAt, (uint)axes, poseAt, out handle));
                     return new Query(handle);
                 }
-#endif
-                Native.Check(Native.veiloc_seal(profile.Value, sessionAt, ref frame, cameraAt, optionsAt, (uint)axes, poseAt, out handle));
-                return new Query(handle);
             }
             finally
             {
-                Marshal.FreeHGlobal(cameraAt);
                 Marshal.FreeHGlobal(poseAt);
                 Marshal.FreeHGlobal(optionsAt);
-                if (model.IsAllocated) model.Free();
                 GC.KeepAlive(profile);
                 GC.KeepAlive(session);
                 GC.KeepAlive(cancellation);
@@ -422,6 +468,86 @@ namespace Veiloc
         }
 
         internal override void Free(IntPtr handle) { Native.veiloc_query_free(handle); }
+    }
+
+    /// <summary>The sharpest frames of the last second. One thread may offer frames while another seals.</summary>
+    public class Burst : Handle
+    {
+        Burst(IntPtr handle) : base(handle) { }
+
+        public static Burst Begin(BurstOptions options = default(BurstOptions))
+        {
+            IntPtr handle;
+            Native.Check(Native.veiloc_burst_new(ref options, out handle));
+            return new Burst(handle);
+        }
+
+        /// <summary>Takes a frame of the camera if it is the sharpest of its part of the window so far: a copy of its gray bytes. Offer every
+        /// frame while the AR framework tracks the camera.</summary>
+        /// <param name="pose">The pose of the camera when it took the frame.</param>
+        /// <param name="timestamp">Seconds of any clock that does not jump; in AR Foundation XRCpuImage.timestamp.</param>
+        public void Offer(IntPtr pixels, long length, FrameLayout layout, Camera camera, Pose pose, double timestamp, Axes axes = Axes.Unity)
+        {
+            using (var input = new Native.Input(pixels, length, layout, camera))
+                Native.Check(Native.veiloc_burst_offer(Value, ref input.Frame, input.Camera, (uint)axes, ref pose, timestamp));
+            GC.KeepAlive(this);
+        }
+
+        /// <summary>As above, for bytes of C#.</summary>
+        public void Offer(byte[] pixels, FrameLayout layout, Camera camera, Pose pose, double timestamp, Axes axes = Axes.Unity)
+        {
+            var pinned = GCHandle.Alloc(pixels, GCHandleType.Pinned);
+            try { Offer(pinned.AddrOfPinnedObject(), pixels.Length, layout, camera, pose, timestamp, axes); }
+            finally { pinned.Free(); }
+        }
+
+        /// <summary>Frames that Seal would seal.</summary>
+        public int Frames { get { return (int)Native.veiloc_burst_frames(Value); } }
+
+        /// <summary>Drops the frames: for a new AR session, or when the framework says that it lost its world.</summary>
+        public void Clear() { Native.veiloc_burst_clear(Value); }
+
+        /// <summary>Seals the frames in the session of their place, and forgets them. A frame that cannot be sealed is left out; when none
+        /// can, the session has not changed. Call it on a thread of its own.</summary>
+        public SealedBurst Seal(Profile profile, Session session, Cancellation cancellation = null, bool sendGravity = true)
+        {
+            IntPtr handle;
+            var options = Native.OptionsOf(sendGravity, cancellation);
+            Native.Check(Native.veiloc_burst_seal(Value, profile.Value, session.Value, ref options, out handle));
+            GC.KeepAlive(this);
+            GC.KeepAlive(profile);
+            GC.KeepAlive(session);
+            GC.KeepAlive(cancellation);
+            return new SealedBurst(handle);
+        }
+
+        internal override void Free(IntPtr handle) { Native.veiloc_burst_free(handle); }
+    }
+
+    /// <summary>A burst that was sealed.</summary>
+    public class SealedBurst : Handle
+    {
+        internal SealedBurst(IntPtr handle) : base(handle) { }
+
+        public SealedBurstInfo Info { get { return Native.veiloc_sealed_burst_info(Value); } }
+
+        /// <summary>The bytes for POST /v1/maps/{map}/localize-rig: all that leaves the device. After a network error, send them again.</summary>
+        public byte[] Bytes()
+        {
+            Native.Bytes bytes;
+            Native.Check(Native.veiloc_sealed_burst_bytes(Value, out bytes));
+            return Native.Taken(bytes);
+        }
+
+        /// <summary>The pose of the camera when it took the newest frame: with the answer, for Alignment.Add.</summary>
+        public Pose CameraInWorld(Axes axes = Axes.Unity)
+        {
+            Pose pose;
+            Native.Check(Native.veiloc_sealed_burst_camera_in_world(Value, (uint)axes, out pose));
+            return pose;
+        }
+
+        internal override void Free(IntPtr handle) { Native.veiloc_sealed_burst_free(handle); }
     }
 
     /// <summary>An answer: the body of status 200 to a request with Accept: application/x-protobuf.</summary>
@@ -500,12 +626,13 @@ namespace Veiloc
     {
         public static string Version { get { return Native.Text(Native.veiloc_version()); } }
 
-        /// <summary>What the user should do. Null for a frame that was not sealed, or not answered.</summary>
-        public static Advice AdviceFor(Query query, Answer answer, double degreesPerSecond = 0, uint misses = 0)
+        /// <summary>What the user should do, by Query.Info or SealedBurstInfo.Newest. Null for a frame that was not sealed, or not
+        /// answered.</summary>
+        public static Advice AdviceFor(QueryInfo? query, Answer answer, double degreesPerSecond = 0, uint misses = 0)
         {
             var answerAt = answer == null ? IntPtr.Zero : answer.Value;
             if (query == null) return Native.veiloc_advice(IntPtr.Zero, answerAt, degreesPerSecond, misses);
-            var info = query.Info;
+            var info = query.Value;
             return Native.veiloc_advice(ref info, answerAt, degreesPerSecond, misses);
         }
 

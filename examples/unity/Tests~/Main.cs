@@ -75,10 +75,41 @@ static class Program
         using (var restored = Session.Read(session.ToBytes()))
         {
             Expect(restored.Info.Frames == 1 && restored.Info.Starts == 1 && query.Info.Keypoints > 0, "a session");
-            Expect(Library.Text(Library.AdviceFor(query, null)).Length > 5, "an advice");
+            Expect(Library.Text(Library.AdviceFor(query.Info, null)).Length > 5, "an advice");
         }
+        Bursts(profile, pixels, layout, camera, pose);
         using (var alignment = Alignment.Begin()) Throws(Status.NotAligned, "no answer", () => alignment.WorldFromAnchor(pose));
         profile.Id.ToString();
+    }
+
+    // The newest frame is the rig, a black one is left out, and a burst without texture leaves the session.
+    static void Bursts(Profile profile, byte[] pixels, FrameLayout layout, Camera camera, Pose pose)
+    {
+        Throws(Status.Argument, "six frames", () => Burst.Begin(new BurstOptions { Frames = 6 }));
+        var gray = new FrameLayout { Width = layout.Width, Height = layout.Height };
+        var dark = new byte[layout.Width * layout.Height];
+        var moved = new Pose(1.02, 2, 3, 0, 0, 0, 1);
+        using (var session = Session.Begin())
+        using (var burst = Burst.Begin())
+        {
+            Throws(Status.Argument, "a time", () => burst.Offer(pixels, layout, camera, pose, double.NaN));
+            Throws(Status.Argument, "no frame", () => burst.Seal(profile, session));
+            burst.Offer(dark, gray, camera, pose, 1);
+            Throws(Status.Texture, "a black burst", () => burst.Seal(profile, session));
+            Expect(burst.Frames == 0 && session.Info.Frames == 0, "the session has not changed");
+            burst.Offer(pixels, layout, camera, pose, 2);
+            burst.Offer(dark, gray, camera, pose, 2.4);
+            burst.Offer(pixels, layout, camera, moved, 2.8);
+            using (var made = burst.Seal(profile, session, sendGravity: false))
+            {
+                Expect(made.Info.Frames == 2 && made.Info.LeftOut == 1 && session.Info.Frames == 2, "two frames");
+                Expect(made.Info.Newest.Keypoints > 0 && Math.Abs(made.CameraInWorld().X - 1.02) < 1e-9, "the newest frame");
+                Expect(made.Bytes().Length > 1000 && made.Bytes()[7] == 2, "a rig of two frames");
+            }
+            burst.Offer(pixels, layout, camera, pose, 3.2);
+            burst.Clear();
+            Expect(burst.Frames == 0, "no frames");
+        }
     }
 
     // Another thread cancels while frames are sealed.
@@ -130,23 +161,26 @@ static class Program
         var poses = File.ReadAllLines(arguments[5]).Select(line => line.Split(' ').Select(Number).ToArray()).ToArray();
         using (var profile = Profile.Read(Request(url + "/profile", null)))
         using (var session = Session.Begin())
+        using (var burst = Burst.Begin())
         using (var alignment = Alignment.Begin())
         {
             for (int i = 0; i + 6 < arguments.Length; i++)
             {
                 var file = File.ReadAllBytes(arguments[i + 6]);
                 var p = poses[i];
-                var pose = new Pose(p[0], p[1], p[2], p[3], p[4], p[5], p[6]);
                 var pixels = file.Skip(file.Length - (int)(camera.Width * camera.Height)).ToArray();
-                using (var query = Query.Seal(profile, pixels, layout, camera, session, Axes.OpenGl, pose))
-                using (var answer = Answer.Read(Request(url + "/localize", query.Bytes())))
+                burst.Offer(pixels, layout, camera, new Pose(p[1], p[2], p[3], p[4], p[5], p[6], p[7]), p[0], Axes.OpenGl);
+                if (burst.Frames < 3) continue;
+                using (var made = burst.Seal(profile, session))
+                using (var answer = Answer.Read(Request(url + "/localize-rig", made.Bytes())))
                 {
+                    var pose = made.CameraInWorld(Axes.OpenGl);
                     var update = alignment.Add(answer, pose, Axes.OpenGl);
                     var found = answer.CameraInMap(Axes.OpenGl);
                     Console.WriteLine(string.Format(CultureInfo.InvariantCulture, "{0} {1} {2} {3} {4} {5} {6:F4} m", i,
                         answer.Info.Trusted ? "trusted" : "doubtful", found.X, found.Y, found.Z, update,
                         answer.Accuracy(pose, Axes.OpenGl).Horizontal));
-                    Console.WriteLine("  " + Library.Text(Library.AdviceFor(query, answer)));
+                    Console.WriteLine("  " + Library.Text(Library.AdviceFor(made.Info.Newest, answer)));
                 }
             }
             var info = alignment.Info;

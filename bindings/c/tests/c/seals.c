@@ -172,6 +172,60 @@ static void sessions(const VeilocProfile *profile, const VeilocFrame *frame, con
   veiloc_session_free(session);
 }
 
+/* Bursts: the newest frame is the rig, a black one is left out, and a burst without texture leaves the session. */
+static void bursts(const VeilocProfile *profile, const VeilocFrame *frame, const VeilocCamera *camera) {
+  VeilocBurst *burst = NULL;
+  VeilocSealedBurst *sealed = NULL;
+  VeilocSession *session = NULL;
+  VeilocBurstOptions wrong = {0};
+  VeilocOptions options = {0};
+  VeilocFrame black = *frame;
+  VeilocPose pose = {{1, 2, 3}, {0, 0, 0, 1}}, newest;
+  VeilocSealedBurstInfo info;
+  VeilocBytes bytes;
+  uint8_t *flat = calloc((size_t)frame->width * frame->height, 1);
+  black.bytes = flat;
+  black.length = (size_t)frame->width * frame->height;
+  black.format = VEILOC_PIXEL_FORMAT_GRAY;
+  wrong.frames = 6;
+  expect(veiloc_burst_new(&wrong, &burst) == VEILOC_STATUS_ARGUMENT && !burst, "six frames");
+  expect(veiloc_burst_new(NULL, &burst) == VEILOC_STATUS_OK && veiloc_session_new(NULL, &session) == VEILOC_STATUS_OK, "begins");
+  expect(veiloc_burst_seal(burst, profile, session, NULL, &sealed) == VEILOC_STATUS_ARGUMENT, "no frame");
+  expect(veiloc_burst_offer(burst, frame, camera, VEILOC_AXES_UNITY, &pose, 0.0 / 0.0) == VEILOC_STATUS_ARGUMENT, "no time");
+  expect(veiloc_burst_offer(burst, frame, camera, VEILOC_AXES_UNITY, NULL, 1.0) == VEILOC_STATUS_ARGUMENT, "no pose");
+  expect(veiloc_burst_offer(burst, &black, camera, VEILOC_AXES_UNITY, &pose, 1.0) == VEILOC_STATUS_OK, "takes a frame");
+  expect(veiloc_burst_frames(burst) == 1 && veiloc_burst_frames(NULL) == 0, "keeps it");
+  expect(veiloc_burst_seal(burst, profile, session, NULL, &sealed) == VEILOC_STATUS_TEXTURE && !sealed, "a black burst");
+  expect(veiloc_session_info(session).frames == 0 && veiloc_burst_frames(burst) == 0, "leaves the session");
+  for (int i = 0; i < 3; i++) {
+    pose.position[0] = 1 + 0.01 * i;
+    expect(veiloc_burst_offer(burst, i == 1 ? &black : frame, camera, VEILOC_AXES_UNITY, &pose, 2 + 0.4 * i) == VEILOC_STATUS_OK, "three frames");
+  }
+  expect(veiloc_burst_frames(burst) == 3, "keeps three");
+  options.without_gravity = true;
+  expect(veiloc_burst_seal(burst, profile, session, &options, &sealed) == VEILOC_STATUS_OK, "seals a burst");
+  info = veiloc_sealed_burst_info(sealed);
+  expect(info.frames == 2 && info.left_out == 1 && info.newest.keypoints > 0 && info.newest.rows >= 256, "counts frames");
+  expect(veiloc_advice(&info.newest, NULL, 0, 0) == VEILOC_ADVICE_TURN_TO_MAPPED_PLACE, "an advice for a burst");
+  expect(veiloc_session_info(session).frames == 2 && veiloc_sealed_burst_info(NULL).frames == 0, "seals in the session");
+  expect(veiloc_sealed_burst_camera_in_world(sealed, VEILOC_AXES_UNITY, &newest) == VEILOC_STATUS_OK, "its pose");
+  for (int i = 0; i < 3; i++) {
+    double off = newest.position[i] - pose.position[i];
+    expect(off < 1e-9 && off > -1e-9, "that of the newest frame");
+  }
+  expect(veiloc_sealed_burst_bytes(sealed, &bytes) == VEILOC_STATUS_OK, "gives bytes");
+  expect(bytes.length > 8 && memcmp(bytes.data, "vqrig1\n\2", 8) == 0, "a rig of two frames");
+  veiloc_bytes_free(bytes);
+  veiloc_burst_clear(burst);
+  veiloc_burst_clear(NULL);
+  veiloc_burst_free(burst);
+  veiloc_burst_free(NULL);
+  veiloc_sealed_burst_free(sealed);
+  veiloc_sealed_burst_free(NULL);
+  veiloc_session_free(session);
+  free(flat);
+}
+
 /*
  * Seals as an app does, again and again: a small frame alone or in a session, its bytes and those of a step, an error, and
  * answers that are none. After a tenth of the seals the heap in use stays within 256 kB.
@@ -256,6 +310,7 @@ int main(int argc, char **argv) {
     if (count == 0) {
       errors(profile, &frame, &camera);
       sessions(profile, &frame, &camera);
+      bursts(profile, &frame, &camera);
       cancelled(profile, &frame, &camera);
       repeatedly(profile, &frame, &camera, repeat);
     }

@@ -7,6 +7,8 @@ import java.nio.ByteBuffer
 import org.veiloc.Alignment
 import org.veiloc.Answer
 import org.veiloc.Axes
+import org.veiloc.Burst
+import org.veiloc.BurstOptions
 import org.veiloc.Camera
 import org.veiloc.CameraPose
 import org.veiloc.Cancellation
@@ -18,6 +20,8 @@ import org.veiloc.Profile
 import org.veiloc.SealOptions
 import org.veiloc.Session
 import org.veiloc.VeilocException
+import org.veiloc.advice
+import org.veiloc.adviceText
 import org.veiloc.example.Localizer
 import org.veiloc.pinholeCamera
 import org.veiloc.poseFromMatrix
@@ -90,16 +94,45 @@ fun border(profile: Profile, pixels: ByteBuffer, layout: FrameLayout, camera: Ca
     check(cancellation.isCancelled() && untouched.frames() == 1u)
     val upright = CameraPose(Axes.OPEN_GL, Pose(1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0))
     val session = Session("gravity")
-    val first = seal(profile, pixels, layout, camera, session, SealOptions(sendGravity = true), upright)
+    val first = seal(profile, pixels, layout, camera, session, SealOptions(sendGravity = false), upright)
     val restored = Session.fromBytes(session.toBytes())
     val second = seal(profile, pixels, layout, camera, restored, cameraInWorld = upright)
     check(restored.frames() == 2u && session.frames() == 1u && restored.starts() == 1u)
     val rig = rigBytes(listOf(first, second), listOf(upright, upright), 1.0, 0.5, 0.01)
     check(String(rig, 0, 6) == "vqrig1" && rig[7].toInt() == 2)
+    bursts(profile, pixels, layout, camera, upright)
     val pose = poseFromMatrix(listOf(0f, 0f, 1f, 0f, 0f, 1f, 0f, 0f, -1f, 0f, 0f, 0f, 1f, 1.5f, -2f, 1f))
     check(pose.x == 1.0 && pose.z == -2.0 && Math.abs(pose.qy + Math.sqrt(0.5)) < 1e-6)
     check(pinholeCamera(4u, 3u, 1.0, 1.0, 2.0, 1.5).params.size == 4)
     check(Alignment().worldFromAnchor(Axes.UNITY, pose) == null)
+}
+
+/** The newest frame is the rig, a black one is left out, and a burst without texture leaves the session. */
+fun bursts(profile: Profile, pixels: ByteBuffer, layout: FrameLayout, camera: Camera, upright: CameraPose) {
+    expect<VeilocException.Argument>("six frames") { Burst(BurstOptions(frames = 6u)) }
+    val burst = Burst(BurstOptions())
+    val session = Session()
+    val dark = direct(ByteArray((layout.width * layout.height).toInt()))
+    val gray = layout.copy(format = FrameFormat.GRAY)
+    expect<VeilocException.Argument>("a time") { burst.offer(pixels, layout, camera, upright, Double.NaN) }
+    expect<VeilocException.Argument>("no frame") { burst.seal(profile, session) }
+    check(burst.offer(dark, gray, camera, upright, 1.0) && !burst.offer(dark, gray, camera, upright, 1.0))
+    expect<VeilocException.Texture>("a black burst") { burst.seal(profile, session) }
+    check(burst.frames() == 0u && session.frames() == 0u)
+    val moved = CameraPose(upright.axes, upright.pose.copy(x = 1.02))
+    burst.offer(pixels, layout, camera, upright, 2.0)
+    burst.offer(dark, gray, camera, upright, 2.4)
+    burst.offer(pixels, layout, camera, moved, 2.8)
+    check(burst.frames() == 3u)
+    burst.seal(profile, session, SealOptions(maxKeypoints = 512u)).use { sealed ->
+        check(sealed.frames() == 2u && sealed.leftOut() == 1u && session.frames() == 2u)
+        check(Math.abs(sealed.cameraInWorld(Axes.OPEN_GL).pose.x - 1.02) < 1e-9)
+        check(String(sealed.bytes(), 0, 6) == "vqrig1" && sealed.bytes()[7].toInt() == 2)
+        check(adviceText(advice(sealed.newest(), null)).length > 5)
+    }
+    burst.offer(pixels, layout, camera, moved, 3.2)
+    burst.clear()
+    check(burst.frames() == 0u)
 }
 
 fun locate(arguments: List<String>) {
@@ -113,8 +146,10 @@ fun locate(arguments: List<String>) {
             val file = File(path).readBytes()
             val size = (layout.width * layout.height).toInt()
             val p = poses[i]
-            val pose = CameraPose(Axes.OPEN_GL, Pose(p[0], p[1], p[2], p[3], p[4], p[5], p[6]))
-            val result = localizer.locate(direct(file.copyOfRange(file.size - size, file.size)), layout, camera, pose)
+            val pose = CameraPose(Axes.OPEN_GL, Pose(p[1], p[2], p[3], p[4], p[5], p[6], p[7]))
+            localizer.offer(direct(file.copyOfRange(file.size - size, file.size)), layout, camera, pose, p[0])
+            if (localizer.frames() < 3) return@forEachIndexed
+            val result = localizer.locate()
             result.answer?.use {
                 val found = it.cameraInMap(Axes.OPEN_GL)
                 println("$i ${if (it.trusted()) "trusted" else "doubtful"} ${found.x} ${found.y} ${found.z} ${result.update}")

@@ -2,6 +2,7 @@
 //!
 //! - [`seal_frame`], [`seal_frame_in`]: from a frame of the camera ([`CameraFrame`]) to a sealed query, alone or in a
 //!   session whose orientation is that of the AR framework.
+//! - [`Burst`]: the sharpest frames of the last second, sealed in a session and localized together.
 //! - [`Axes`], [`FrameworkPose`]: poses in the axes and units of ARKit, ARCore, Unity, Unreal and COLMAP.
 //! - [`Alignment`]: the transform from the map to the AR world, from several answers, wrong ones among them; it places
 //!   anchors, and compares distances in the map with those of the AR framework.
@@ -37,6 +38,7 @@ mod accuracy;
 mod advice;
 mod alignment;
 mod axes;
+mod burst;
 mod distances;
 mod seal;
 
@@ -44,10 +46,11 @@ pub use accuracy::Accuracy;
 pub use advice::{Advice, Situation};
 pub use alignment::{Aligned, Alignment, AlignmentOptions, AlignmentState, Update};
 pub use axes::{ArWorld, Axes, AxesError, CameraFromAr, FrameworkPose};
+pub use burst::{Burst, BurstError, BurstOptions, SealedBurst};
 pub use distances::{DistanceRatio, DistanceVerdict};
 pub use seal::{
-    FrameError, RigError, SealedCameraFrame, down_in_camera, orientation_in_world, rig_message, rig_of,
-    seal_frame, seal_frame_in, seal_to_send,
+    FrameError, RigError, SealedCameraFrame, orientation_in_world, rig_message, rig_of, seal_frame,
+    seal_frame_in, seal_to_send,
 };
 pub use veiloc_features::{CameraFrame, PixelFormat};
 pub use veiloc_geometry::QuarterTurns;

@@ -31,7 +31,8 @@ pub struct SealedCameraFrame {
 /// - `rng`: [`veiloc_obfuscation::device_rng`] on a device.
 ///
 /// Seal a frame once and keep the query until it is answered (rule L7). For several frames of one place use
-/// [`seal_frame_in`] (rule L10).
+/// [`seal_frame_in`] (rule L10). With a pose of the camera, give its gravity: [`SealOptions::with_gravity_of`] and
+/// [`orientation_in_world`].
 ///
 /// # Errors
 /// [`SealError`]: the camera of another image size, too little texture, a profile that requests more than the device
@@ -49,8 +50,9 @@ pub fn seal_frame(
 
 /// Seals the next frame of a session: as [`seal_frame`], with the session's anchors.
 ///
-/// `cam_from_ar`: the pose of the camera when it took the frame. Its orientation stays on the device. Without one, the
-/// frame belongs to the session only where the camera rested or turned on the spot.
+/// `cam_from_ar`: the pose of the camera when it took the frame. It stays on the device, except for the direction of
+/// gravity, rounded to about a degree, which [`SealOptions::without_gravity`] keeps there too. Without a pose, the frame
+/// belongs to the session only where the camera rested or turned on the spot.
 ///
 /// # Errors
 /// As [`seal_frame`] and [`Session::seal`]; the session has not changed then.
@@ -63,10 +65,7 @@ pub fn seal_frame_in(
     cam_from_ar: Option<&CameraFromAr>,
     rng: &mut impl CryptoRng,
 ) -> Result<SealedCameraFrame, SealError> {
-    let held = match cam_from_ar {
-        Some(pose) => orientation_in_world(pose).ok_or(SealError::NoOrientation)?,
-        None => Orientation::unknown(),
-    };
+    let held = held_by(cam_from_ar)?;
     let extracted = Extracted::new(frame, camera, profile, options)?;
     extracted.sealed(|features, camera, options| session.seal(features, camera, profile, options, &held, rng))
 }
@@ -83,7 +82,7 @@ pub enum FrameError {
 }
 
 /// Seals a frame, in a session if there is one, and returns only a query that can determine a pose. After an error the
-/// session has not changed and nothing was sent, so another frame costs nothing.
+/// session has not changed and nothing was sent, so another frame costs nothing. `cam_from_ar`: as for [`seal_frame_in`].
 ///
 /// # Errors
 /// [`FrameError`].
@@ -97,7 +96,8 @@ pub fn seal_to_send(
     rng: &mut impl CryptoRng,
 ) -> Result<SealedCameraFrame, FrameError> {
     let Some(session) = session else {
-        let sealed = seal_frame(frame, camera, profile, options, rng)?;
+        let options = options.clone().with_gravity_of(&held_by(cam_from_ar)?);
+        let sealed = seal_frame(frame, camera, profile, &options, rng)?;
         sealed.query.check_sides()?;
         return Ok(sealed);
     };
@@ -111,13 +111,15 @@ pub fn seal_to_send(
 /// The orientation of a camera for a session, with the gravity direction: the AR world's `y` is up. `None` when a
 /// number is not finite.
 pub fn orientation_in_world(cam_from_ar: &CameraFromAr) -> Option<Orientation> {
-    Orientation::in_world(*cam_from_ar.rotation())?.with_down(down_in_camera(cam_from_ar))
+    let down = cam_from_ar.rotation() * -Vector3::y();
+    Orientation::in_world(*cam_from_ar.rotation())?.with_down(down.into())
 }
 
-/// Down in the axes of the camera (`x` right, `y` down, `z` forward): the AR world's `y` is up. For
-/// [`SealOptions::with_gravity`].
-pub fn down_in_camera(cam_from_ar: &CameraFromAr) -> [f64; 3] {
-    (cam_from_ar.rotation() * -Vector3::y()).into()
+fn held_by(cam_from_ar: Option<&CameraFromAr>) -> Result<Orientation, SealError> {
+    match cam_from_ar {
+        Some(pose) => orientation_in_world(pose).ok_or(SealError::NoOrientation),
+        None => Ok(Orientation::unknown()),
+    }
 }
 
 /// Why queries give no message of a rig.
@@ -148,11 +150,7 @@ pub fn rig_message(
     if !(1..=RigMessage::MAX_FRAMES).contains(&queries.len()) || queries.len() != cameras.len() {
         return Err(RigError::Count);
     }
-    let is_sd = |sd: f64| sd.is_finite() && sd >= 0.0;
-    let is_unit = metres_per_unit.is_finite() && metres_per_unit > 0.0;
-    if !(is_unit && is_sd(rotation_sd_deg) && is_sd(translation_sd)) {
-        return Err(RigError::Number);
-    }
+    check_numbers(metres_per_unit, rotation_sd_deg, translation_sd)?;
     let on_rig = rig_of(cameras, metres_per_unit);
     let frames = queries.into_iter().zip(on_rig).enumerate().map(|(index, (query, cam_from_rig))| {
         // The first camera is the rig itself.
@@ -161,6 +159,17 @@ pub fn rig_message(
         SealedFrame { query, cam_from_rig, rotation_sd_deg, translation_sd }
     });
     Ok(RigMessage { frames: frames.collect() })
+}
+
+/// Whether these are possible for [`rig_message`].
+pub(crate) fn check_numbers(
+    metres_per_unit: f64,
+    rotation_sd_deg: f64,
+    translation_sd: f64,
+) -> Result<(), RigError> {
+    let is_sd = |sd: f64| sd.is_finite() && sd >= 0.0;
+    let is_unit = metres_per_unit.is_finite() && metres_per_unit > 0.0;
+    if is_unit && is_sd(rotation_sd_deg) && is_sd(translation_sd) { Ok(()) } else { Err(RigError::Number) }
 }
 
 /// The poses of several cameras on one rig: relative to the first. `metres_per_unit`: of the map.

@@ -3,5 +3,7 @@
 mod advice;
 mod alignment;
 mod axes;
+mod burst;
+mod room;
 mod seal;
 mod walk;

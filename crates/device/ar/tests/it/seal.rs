@@ -16,7 +16,7 @@ use veiloc_obfuscation::{
     KnownCamera, SealError, SealErrorKind, SealOptions, Session, SessionAnchors, SessionOptions,
     extract_loaded, seal,
 };
-use veiloc_protocol::Profile;
+use veiloc_protocol::{CoarseGravity, Profile};
 
 const SIZE: (u32, u32) = (320, 240);
 
@@ -143,6 +143,31 @@ fn sessions_take_orientation_and_gravity_from_the_ar_world() {
     let held = veiloc_ar::orientation_in_world(&upright).expect("finite");
     let down = held.cam_from_world().expect("an orientation") * -Vector3::y();
     assert!((down - Vector3::y()).norm() < 1e-12, "down is along the image's y: {down}");
+}
+
+#[test]
+fn gravity_is_sent_where_a_pose_has_it_unless_it_is_switched_off() {
+    let (profile, pixels) = (profile(), pixels());
+    let frame = CameraFrame::new(PixelFormat::Gray, SIZE, &pixels, 0).expect("a frame");
+    let known = KnownCamera::calibrated(camera());
+    // Turned to the left about the viewing direction: down is along the image's x.
+    let turned = FrameworkPose { rotation: [0.0, 0.0, 0.5_f64.sqrt(), 0.5_f64.sqrt()], ..Default::default() };
+    let turned = Axes::OpenGl.cam_from_ar(&turned).expect("a pose");
+    let gravity_of = |in_session: bool, options: &SealOptions, pose| {
+        let mut session = Session::new(SessionOptions::default(), &mut rng());
+        let session = in_session.then_some(&mut session);
+        let sealed = seal_to_send(session, &frame, &known, &profile, options, pose, &mut rng());
+        sealed.expect("texture").query.gravity()
+    };
+    let measured = CoarseGravity::new([-1.0, 0.0, 0.0], 0.5).ok();
+    let given = CoarseGravity::new([0.1, 0.9, 0.0], 2.0).ok();
+    for in_session in [false, true] {
+        let options = SealOptions::default();
+        assert_eq!(gravity_of(in_session, &options, Some(&turned)), measured);
+        assert_eq!(gravity_of(in_session, &options, None), None);
+        assert_eq!(gravity_of(in_session, &options.clone().without_gravity(), Some(&turned)), None);
+        assert_eq!(gravity_of(in_session, &options.with_gravity(given), Some(&turned)), given);
+    }
 }
 
 #[test]

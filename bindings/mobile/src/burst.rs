@@ -1,0 +1,164 @@
+//! Bursts: a few frames of the last second, localized together.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use veiloc_ar::SealedCameraFrame;
+use veiloc_geometry::Stop;
+use veiloc_obfuscation::device_rng;
+
+use crate::camera::{Camera, FrameLayout, known_camera};
+use crate::cancellation::Cancellation;
+use crate::error::VeilocException;
+use crate::pose::{Axes, CameraPose};
+use crate::profile::Profile;
+use crate::query::{Query, SealOptions};
+use crate::session::Session;
+
+/// Which frames a burst keeps, and how exact their poses are.
+#[derive(Debug, Clone, Copy, PartialEq, uniffi::Record)]
+pub struct BurstOptions {
+    /// Most frames that are sealed together, 1 to 5. Each costs the service as much as one query.
+    #[uniffi(default = 3)]
+    pub frames: u32,
+    /// How far back the frames reach, seconds.
+    #[uniffi(default = 1.0)]
+    pub window: f64,
+    /// Standard deviation of the rotation between one kept frame and the next, degrees: of the tracking of ARKit and
+    /// ARCore over a second.
+    #[uniffi(default = 0.1)]
+    pub rotation_sd_deg: f64,
+    /// The same of the position, metres.
+    #[uniffi(default = 0.01)]
+    pub translation_sd: f64,
+    /// Metres of a unit of the map. Where it is not known, use one frame.
+    #[uniffi(default = 1.0)]
+    pub metres_per_unit: f64,
+}
+
+/// The sharpest frames of the last second. One thread may offer frames while another seals.
+///
+/// It copies the gray bytes of the frames that it keeps: at most `frames` times width times height.
+#[derive(uniffi::Object)]
+pub struct Burst {
+    burst: Mutex<veiloc_ar::Burst>,
+}
+
+/// A burst that was sealed.
+#[derive(uniffi::Object)]
+pub struct SealedBurst {
+    sealed: veiloc_ar::SealedBurst,
+    profile: Arc<Profile>,
+}
+
+impl Burst {
+    fn locked(&self) -> MutexGuard<'_, veiloc_ar::Burst> {
+        // A poisoned lock is safe: a frame is added as the last step.
+        self.burst.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[uniffi::export]
+impl Burst {
+    /// Begins without frames.
+    ///
+    /// # Errors
+    /// [`VeilocException::Argument`] for options that are not possible.
+    #[uniffi::constructor(default(options = None))]
+    pub fn new(options: Option<BurstOptions>) -> Result<Arc<Self>, VeilocException> {
+        let mut own = veiloc_ar::BurstOptions::default();
+        if let Some(given) = options {
+            own = own
+                .with_frames(given.frames as usize)
+                .with_window(given.window)
+                .with_sds(given.rotation_sd_deg, given.translation_sd)
+                .with_metres_per_unit(given.metres_per_unit);
+        }
+        Ok(Arc::new(Self { burst: Mutex::new(veiloc_ar::Burst::new(own)?) }))
+    }
+
+    /// Takes a frame of the camera if it is the sharpest of its part of the window so far, and returns whether it did.
+    /// Offer every frame while the AR framework tracks the camera.
+    ///
+    /// - `bytes`, `layout`, `camera`: as for `seal`.
+    /// - `camera_in_world`: the pose of the camera when it took the frame.
+    /// - `timestamp`: seconds of any clock that does not jump, when the camera took the frame.
+    ///
+    /// # Errors
+    /// [`VeilocException`]; nothing has changed then.
+    pub fn offer(
+        &self,
+        bytes: &[u8],
+        layout: FrameLayout,
+        camera: Option<Camera>,
+        camera_in_world: CameraPose,
+        timestamp: f64,
+    ) -> Result<bool, VeilocException> {
+        let frame = layout.frame(bytes)?;
+        let camera = known_camera(camera, layout)?;
+        let pose = camera_in_world.cam_from_ar()?;
+        Ok(self.locked().offer(&frame, &camera, &pose, timestamp)?)
+    }
+
+    /// Frames that `seal` would seal.
+    pub fn frames(&self) -> u32 {
+        self.locked().len() as u32
+    }
+
+    /// Drops the frames: for a new AR session, or when the framework says that it lost its world.
+    pub fn clear(&self) {
+        self.locked().clear();
+    }
+
+    /// Seals the frames in the session of their place, and forgets them. A frame that cannot be sealed is left out.
+    ///
+    /// # Errors
+    /// [`VeilocException`] when no frame can be sealed; the session has not changed then, and the frames are gone.
+    #[uniffi::method(default(options = None, cancellation = None))]
+    pub fn seal(
+        &self,
+        profile: Arc<Profile>,
+        session: Arc<Session>,
+        options: Option<SealOptions>,
+        cancellation: Option<Arc<Cancellation>>,
+    ) -> Result<Arc<SealedBurst>, VeilocException> {
+        let stop: Stop = cancellation.map(|cancellation| cancellation.stop.clone()).unwrap_or_default();
+        let options = options.unwrap_or_default().lowered()?.with_stop(&stop);
+        // The camera goes on while this thread seals.
+        let mut taken = self.locked().take();
+        let sealed = taken.seal(&mut session.locked(), &profile.profile, &options, &mut device_rng()?)?;
+        Ok(Arc::new(SealedBurst { sealed, profile }))
+    }
+}
+
+#[uniffi::export]
+impl SealedBurst {
+    /// The bytes for `POST /v1/maps/{map}/localize-rig`: all that leaves the device. After a network error, send them
+    /// again.
+    pub fn bytes(&self) -> Vec<u8> {
+        self.sealed.message.encode()
+    }
+
+    /// The pose of the camera when it took the newest frame of the burst: with the answer, for `Alignment.add`.
+    pub fn camera_in_world(&self, axes: Axes) -> CameraPose {
+        let pose = veiloc_ar::Axes::from(axes).camera_pose(&self.sealed.cam_from_ar);
+        CameraPose { axes, pose: pose.into() }
+    }
+
+    /// Frames that were sealed.
+    pub fn frames(&self) -> u32 {
+        self.sealed.message.frames.len() as u32
+    }
+
+    /// Frames that could not be sealed.
+    pub fn left_out(&self) -> u32 {
+        self.sealed.left_out as u32
+    }
+
+    /// The newest frame that was sealed, for `advice`.
+    pub fn newest(&self) -> Option<Arc<Query>> {
+        let veiloc_ar::SealedBurst { message, keypoints, brightness, .. } = &self.sealed;
+        let query = message.frames.first()?.query.clone();
+        let sealed = SealedCameraFrame { query, keypoints: *keypoints, brightness: *brightness };
+        Some(Arc::new(Query { sealed, profile: Arc::clone(&self.profile) }))
+    }
+}
