@@ -1,10 +1,10 @@
 /*
- * Where frames were taken, in C: seals each frame, sends it with the app's own HTTP, and brings content that is placed in the
- * map into the world of the AR framework.
+ * Where frames were taken, in C: seals bursts of three frames, sends them with the app's own HTTP, and brings content that is
+ * placed in the map into the world of the AR framework.
  *
  *     locate HOST PORT MAP MODEL WIDTH,HEIGHT,PARAMS... POSES FRAME.pgm...
  *
- * POSES has a line for each frame: the pose of the camera when it took it, by ARKit or ARCore: x y z qx qy qz qw.
+ * POSES has a line for each frame: when the camera took it, seconds, and its pose by ARKit or ARCore: x y z qx qy qz qw.
  */
 #include "http.h"
 #include "veiloc.h"
@@ -34,6 +34,7 @@ static uint8_t *read_pgm(const char *path, uint32_t *width, uint32_t *height) {
 int main(int argc, char **argv) {
   VeilocProfile *profile = NULL;
   VeilocSession *session = NULL;
+  VeilocBurst *burst = NULL;
   VeilocAlignment *alignment = NULL;
   VeilocCamera camera = {0};
   VeilocAlignmentInfo info;
@@ -67,23 +68,26 @@ int main(int argc, char **argv) {
   if (veiloc_profile_new(reply, length, &profile) != VEILOC_STATUS_OK) return failed("the profile");
   free(reply);
   if (veiloc_session_new(NULL, &session) != VEILOC_STATUS_OK) return failed("the session");
+  if (veiloc_burst_new(NULL, &burst) != VEILOC_STATUS_OK) return failed("the burst");
   if (veiloc_alignment_new(1.0, &alignment) != VEILOC_STATUS_OK) return failed("the alignment");
   poses = fopen(argv[6], "r");
   if (!poses) return failed(argv[6]);
 
-  snprintf(path, sizeof path, "/v1/maps/%s/localize", argv[3]);
+  snprintf(path, sizeof path, "/v1/maps/%s/localize-rig", argv[3]);
   for (int i = 7; i < argc; i++) {
     VeilocFrame frame = {0};
-    VeilocQuery *query = NULL;
-    VeilocQueryInfo query_info;
+    VeilocSealedBurst *sealed = NULL;
+    VeilocSealedBurstInfo burst_info;
     VeilocBytes bytes;
     VeilocPose pose, found;
     VeilocStatus status;
     VeilocAnswer *answer = NULL;
     uint8_t *pixels = read_pgm(argv[i], &frame.width, &frame.height);
+    double seconds;
     int http;
-    if (!pixels || fscanf(poses, "%lf %lf %lf %lf %lf %lf %lf", &pose.position[0], &pose.position[1], &pose.position[2],
-                          &pose.rotation[0], &pose.rotation[1], &pose.rotation[2], &pose.rotation[3]) != 7) {
+    if (!pixels || fscanf(poses, "%lf %lf %lf %lf %lf %lf %lf %lf", &seconds, &pose.position[0], &pose.position[1],
+                          &pose.position[2], &pose.rotation[0], &pose.rotation[1], &pose.rotation[2],
+                          &pose.rotation[3]) != 8) {
       fprintf(stderr, "%s: no frame, or no pose\n", argv[i]);
       return 1;
     }
@@ -91,16 +95,22 @@ int main(int argc, char **argv) {
     frame.length = (size_t)frame.width * frame.height;
     frame.format = VEILOC_PIXEL_FORMAT_GRAY;
 
-    status = veiloc_seal(profile, session, &frame, &camera, NULL, VEILOC_AXES_OPEN_GL, &pose, &query);
-    free(pixels); /* Nothing of it is kept. */
+    /* An app offers every frame of its camera, and seals on another thread, when the last answer is there. */
+    status = veiloc_burst_offer(burst, &frame, &camera, VEILOC_AXES_OPEN_GL, &pose, seconds);
+    free(pixels); /* A copy is kept until it is sealed. */
+    if (status != VEILOC_STATUS_OK) return failed("a frame");
+    if (veiloc_burst_frames(burst) < 3) continue;
+    status = veiloc_burst_seal(burst, profile, session, NULL, &sealed);
     if (status != VEILOC_STATUS_OK) {
-      /* Nothing was sent: ask for another frame. */
+      /* Nothing was sent: the next burst costs nothing. */
       printf("%d not sealed: %s\n", i - 7, veiloc_last_error());
       continue;
     }
-    query_info = veiloc_query_info(query);
-    if (veiloc_query_bytes(query, 0, &bytes) != VEILOC_STATUS_OK) return failed("the query");
-    veiloc_query_free(query);
+    burst_info = veiloc_sealed_burst_info(sealed);
+    if (veiloc_sealed_burst_bytes(sealed, &bytes) != VEILOC_STATUS_OK) return failed("the burst");
+    /* The answer is about this pose: that of the newest frame of the burst. */
+    if (veiloc_sealed_burst_camera_in_world(sealed, VEILOC_AXES_OPEN_GL, &pose) != VEILOC_STATUS_OK) return failed("its pose");
+    veiloc_sealed_burst_free(sealed);
 
     http = http_request(argv[1], argv[2], path, bytes.data, bytes.length, &reply, &length);
     veiloc_bytes_free(bytes);
@@ -119,7 +129,7 @@ int main(int argc, char **argv) {
       misses += http == 422;
       printf("%d status %d\n", i - 7, http);
     }
-    printf("  %s\n", veiloc_advice_text(veiloc_advice(&query_info, answer, 0, misses)));
+    printf("  %s\n", veiloc_advice_text(veiloc_advice(&burst_info.newest, answer, 0, misses)));
     veiloc_answer_free(answer);
     free(reply);
   }
@@ -134,6 +144,7 @@ int main(int argc, char **argv) {
            placed.rotation[0], placed.rotation[1], placed.rotation[2], placed.rotation[3]);
   }
   veiloc_alignment_free(alignment);
+  veiloc_burst_free(burst);
   veiloc_session_free(session);
   veiloc_profile_free(profile);
   return info.state == VEILOC_ALIGNMENT_STATE_ALIGNED ? 0 : 1;

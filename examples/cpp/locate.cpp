@@ -36,6 +36,7 @@ static int run(int argc, char **argv) {
   if (request(map + "/profile", {}, reply) != 200) throw std::runtime_error("no profile of this map");
   const auto profile = veiloc::profile(reply);
   auto session = veiloc::session();
+  const auto burst = veiloc::burst();
   const auto alignment = veiloc::alignment();
   std::ifstream poses(argv[6]);
   for (int i = 7; i < argc; i++) {
@@ -52,21 +53,27 @@ static int run(int argc, char **argv) {
     frame.length = pixels.size();
     frame.format = VEILOC_PIXEL_FORMAT_GRAY;
     VeilocPose pose{};
+    double seconds = 0;
+    poses >> seconds;
     for (double &number : pose.position) poses >> number;
     for (double &number : pose.rotation) poses >> number;
-    veiloc::Query query;
+    // An app offers every frame of its camera, and seals on another thread, when the last answer is there.
+    veiloc::offer(burst, frame, &camera, VEILOC_AXES_OPEN_GL, pose, seconds);
+    if (veiloc_burst_frames(burst.get()) < 3) continue;
+    veiloc::SealedBurst sealed;
     try {
-      query = veiloc::seal(profile, session.get(), frame, &camera, VEILOC_AXES_OPEN_GL, &pose);
+      sealed = veiloc::seal(burst, profile, session);
     } catch (const veiloc::Error &error) {
       std::cout << i - 7 << " not sealed: " << error.what() << "\n";
       continue;
     }
-    if (request(map + "/localize", veiloc::bytes(query), reply) != 200) {
+    if (request(map + "/localize-rig", veiloc::bytes(sealed), reply) != 200) {
       std::cout << i - 7 << " not found\n";
       continue;
     }
     const auto answer = veiloc::answer(reply.data(), reply.size());
-    const auto update = veiloc::add(alignment, answer, VEILOC_AXES_OPEN_GL, pose);
+    const auto newest = veiloc::camera_in_world(sealed, VEILOC_AXES_OPEN_GL);
+    const auto update = veiloc::add(alignment, answer, VEILOC_AXES_OPEN_GL, newest);
     VeilocPose found{};
     veiloc::check(veiloc_answer_camera_in_map(answer.get(), VEILOC_AXES_OPEN_GL, 1.0, &found));
     std::printf("%d %s %.6f %.6f %.6f update %d\n", i - 7, veiloc_answer_info(answer.get()).trusted ? "trusted" : "doubtful",

@@ -9,7 +9,7 @@ using UnityEngine.XR.ARSubsystems;
 
 namespace Veiloc
 {
-    /// <summary>Localizes a frame after the other, and moves `content`, which is placed at the origin of the map.</summary>
+    /// <summary>Localizes a burst of frames after the other, and moves `content`, which is placed at the origin of the map.</summary>
     public class ArFoundationLocalizer : MonoBehaviour
     {
         public string server = "https://places.example:8443";
@@ -21,6 +21,7 @@ namespace Veiloc
 
         Profile profile;
         Session session;
+        Burst burst;
         Alignment alignment;
         bool busy;
 
@@ -28,37 +29,38 @@ namespace Veiloc
         {
             var (status, bytes) = await Request("profile", null);
             if (status != 200) return;
-            profile = Profile.Read(bytes);
             session = Session.Begin();
+            burst = Burst.Begin();
             alignment = Alignment.Begin();
+            profile = Profile.Read(bytes);
         }
 
         async void Update()
         {
-            if (busy || profile == null) return;
+            if (profile == null || ARSession.state != ARSessionState.SessionTracking) return;
             if (!cameraManager.TryGetIntrinsics(out XRCameraIntrinsics k) || !cameraManager.TryAcquireLatestCpuImage(out XRCpuImage image)) return;
-            busy = true;
-            try
+            using (image)
             {
-                // Of this very frame: the answer comes when the camera has moved on.
+                // Of this very frame.
                 var at = cameraManager.transform;
                 var pose = new Pose(at.position.x, at.position.y, at.position.z, at.rotation.x, at.rotation.y, at.rotation.z, at.rotation.w);
                 var camera = Camera.Pinhole((uint)image.width, (uint)image.height, k.focalLength.x, k.focalLength.y, k.principalPoint.x, k.principalPoint.y);
-                Query query;
-                using (image)
+                var gray = image.GetPlane(0);
+                var layout = new FrameLayout { Format = PixelFormat.Gray, Width = camera.Width, Height = camera.Height, RowStride = (uint)gray.rowStride, TurnDegrees = turnDegrees };
+                System.IntPtr pixels;
+                unsafe { pixels = (System.IntPtr)NativeArrayUnsafeUtility.GetUnsafeReadOnlyPtr(gray.data); }
+                burst.Offer(pixels, gray.data.Length, layout, camera, pose, image.timestamp);
+            }
+            if (busy || burst.Frames < 3) return;
+            busy = true;
+            try
+            {
+                using (var made = await Task.Run(() => burst.Seal(profile, session)))
                 {
-                    var gray = image.GetPlane(0);
-                    var layout = new FrameLayout { Format = PixelFormat.Gray, Width = camera.Width, Height = camera.Height, RowStride = (uint)gray.rowStride, TurnDegrees = turnDegrees };
-                    System.IntPtr pixels;
-                    unsafe { pixels = (System.IntPtr)NativeArrayUnsafeUtility.GetUnsafeReadOnlyPtr(gray.data); }
-                    var length = gray.data.Length;
-                    query = await Task.Run(() => Query.Seal(profile, pixels, length, layout, camera, session, Axes.Unity, pose));
-                }
-                using (query)
-                {
-                    var (status, bytes) = await Request("localize", query.Bytes());
+                    var (status, bytes) = await Request("localize-rig", made.Bytes());
                     if (status != 200) return;
-                    using (var answer = Answer.Read(bytes)) alignment.Add(answer, pose);
+                    // The answer is about the newest frame of the burst: the camera has moved on.
+                    using (var answer = Answer.Read(bytes)) alignment.Add(answer, made.CameraInWorld());
                 }
                 if (alignment.Info.State == AlignmentState.Searching) return;
                 var p = alignment.WorldFromAnchor(new Pose(0, 0, 0, 0, 0, 0, 1));
@@ -87,6 +89,7 @@ namespace Veiloc
         void OnDestroy()
         {
             alignment?.Dispose();
+            burst?.Dispose();
             session?.Dispose();
             profile?.Dispose();
         }

@@ -18,13 +18,12 @@ class ArCoreLocalizer(private val localizer: Localizer, private val onResult: (L
     private val thread = Executors.newSingleThreadExecutor()
     private val busy = AtomicBoolean(false)
 
-    /** Takes a frame unless one is being localized. */
+    /** Takes every frame, and localizes the sharpest of the last second unless some are being localized. */
     fun update(frame: Frame) {
-        if (frame.camera.trackingState != TrackingState.TRACKING || !busy.compareAndSet(false, true)) return
+        if (frame.camera.trackingState != TrackingState.TRACKING) return
         val image = try {
             frame.acquireCameraImage()
         } catch (_: NotYetAvailableException) {
-            busy.set(false)
             return
         }
         // Of this very frame: the answer comes when the camera has moved on. getPose is that of the sensor's image.
@@ -39,11 +38,12 @@ class ArCoreLocalizer(private val localizer: Localizer, private val onResult: (L
         val camera = pinholeCamera(image.width.toUInt(), image.height.toUInt(), fx, fy, cx, cy)
         val gray = image.planes[0]
         val layout = FrameLayout(FrameFormat.GRAY, camera.width, camera.height, gray.rowStride.toUInt())
+        image.use { localizer.offer(gray.buffer, layout, camera, pose, frame.timestamp / 1e9) }
+        if (localizer.frames() < 3 || !busy.compareAndSet(false, true)) return
         thread.execute {
             try {
-                onResult(localizer.locate(gray.buffer, layout, camera, pose))
+                onResult(localizer.locate())
             } finally {
-                image.close()
                 busy.set(false)
             }
         }

@@ -8,39 +8,48 @@ import org.veiloc.Advice
 import org.veiloc.Alignment
 import org.veiloc.Answer
 import org.veiloc.Axes
+import org.veiloc.Burst
 import org.veiloc.Camera
 import org.veiloc.CameraPose
 import org.veiloc.FrameLayout
 import org.veiloc.Pose
 import org.veiloc.Profile
-import org.veiloc.Query
+import org.veiloc.SealedBurst
 import org.veiloc.Session
 import org.veiloc.Update
 import org.veiloc.VeilocException
 import org.veiloc.advice
 import org.veiloc.adviceText
-import org.veiloc.seal
 
-/** One map of a service. Calls block: use a background thread. */
+/** One map of a service. Calls block: use a background thread, except for `offer` and `frames`. */
 class Localizer(private val server: String, private val map: String, private val token: String? = null) : AutoCloseable {
-    /** What one frame gave. */
+    /** What one burst gave. */
     class Result(val answer: Answer?, val update: Update?, val words: String)
 
     private val profile = Profile(request("profile", null).second)
     private val session = Session()
+    private val burst = Burst()
     val alignment = Alignment()
     private var misses = 0u
 
-    /** Seals a frame and asks the service. `camera` and `pose` are those of the moment at which the frame was taken. */
-    fun locate(pixels: ByteBuffer, layout: FrameLayout, camera: Camera?, pose: CameraPose): Result {
-        val query = try {
-            seal(profile, pixels, layout, camera, session, cameraInWorld = pose)
+    /** Takes a frame. `camera`, `pose` and `seconds` are those of the moment at which it was taken. */
+    fun offer(pixels: ByteBuffer, layout: FrameLayout, camera: Camera?, pose: CameraPose, seconds: Double) {
+        burst.offer(pixels, layout, camera, pose, seconds)
+    }
+
+    /** Frames that `locate` would seal: three, once they reach back about a second. */
+    fun frames(): Int = burst.frames().toInt()
+
+    /** Seals the sharpest frames of the last second and asks the service. */
+    fun locate(): Result {
+        val sealed = try {
+            burst.seal(profile, session)
         } catch (unusable: VeilocException) {
-            // Nothing was sent: another frame costs nothing.
+            // Nothing was sent: another burst costs nothing.
             return Result(null, null, words(null, null) + " (" + unusable.message + ")")
         }
-        query.use {
-            val (status, body) = request("localize", it.bytes())
+        sealed.use {
+            val (status, body) = request("localize-rig", it.bytes())
             if (status != 200) {
                 // 422: no pose was found. 429 and 503: the same bytes may be sent again after Retry-After seconds.
                 if (status == 422) misses++
@@ -48,14 +57,15 @@ class Localizer(private val server: String, private val map: String, private val
             }
             misses = 0u
             val answer = Answer(body)
-            return Result(answer, alignment.add(answer, pose), words(it, answer))
+            // The answer is about the newest frame.
+            return Result(answer, alignment.add(answer, it.cameraInWorld(Axes.OPEN_GL)), words(it, answer))
         }
     }
 
     /** Where content that is placed in the map is in ARCore's world; null before the first trusted answer. */
     fun worldFromAnchor(mapFromAnchor: Pose): Pose? = alignment.worldFromAnchor(Axes.OPEN_GL, mapFromAnchor)
 
-    private fun words(query: Query?, answer: Answer?): String = adviceText(advice(query, answer, misses = misses))
+    private fun words(sealed: SealedBurst?, answer: Answer?): String = adviceText(advice(sealed?.newest(), answer, misses = misses))
 
     private fun request(what: String, body: ByteArray?): Pair<Int, ByteArray> {
         val connection = URL("$server/v1/maps/$map/$what").openConnection() as HttpURLConnection
@@ -74,6 +84,7 @@ class Localizer(private val server: String, private val map: String, private val
     override fun close() {
         profile.close()
         session.close()
+        burst.close()
         alignment.close()
     }
 }
