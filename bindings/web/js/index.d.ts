@@ -51,7 +51,10 @@ export interface SealOptions {
   file?: Blob;
   /** The session that the image belongs to. */
   session?: Session;
-  /** Orientation of the camera when it took the image. Its `down` is sent, rounded to about a degree; the rest, used only in a session, is not. */
+  /**
+   * Orientation of the camera when it took the image. Its `down` is sent, rounded to about a degree; the rest, which only a session
+   * uses, is not.
+   */
   attitude?: Attitude | null;
   /** Whether `attitude.down` is sent; default true. */
   sendGravity?: boolean;
