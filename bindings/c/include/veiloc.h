@@ -284,8 +284,8 @@ typedef struct VeilocOptions {
   uint32_t max_image_side;
   // Bits of an angle; 0 for 12.
   uint32_t angle_bits;
-  // Without it, the direction of gravity is sent, rounded to about a degree, where the pose of the camera is known: the
-  // vertical of its world is gravity, as in ARKit and ARCore.
+  // The direction of gravity is sent, rounded to about a degree, where the pose of the camera is known, unless this is
+  // true. Set it for a world whose vertical is not gravity, unlike those of ARKit and ARCore.
   bool without_gravity;
   // A request that another thread may make to stop the call; null for none.
   const struct VeilocCancellation *cancellation;

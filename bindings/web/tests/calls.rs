@@ -128,7 +128,7 @@ fn gravity_is_sent_in_and_without_a_session_unless_it_is_switched_off() {
     let down = ("down", json!([0.1, 0.9, 0.2]));
     let rounded = |sd_deg| CoarseGravity::new([0.1, 0.9, 0.2], sd_deg).ok();
     assert_eq!(gravity_of(&[]), None);
-    assert_eq!(gravity_of(&[down.clone()]), rounded(0.5));
+    assert_eq!(gravity_of(std::slice::from_ref(&down)), rounded(0.5));
     assert_eq!(gravity_of(&[down.clone(), ("downSdDeg", json!(2))]), rounded(2.0));
     let session = ("session", session["session"].clone());
     let orientation = ("orientation", json!([1.0, 0.0, 0.0, 0.0]));

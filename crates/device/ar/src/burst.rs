@@ -27,9 +27,9 @@
 //! # The unit of the map
 //! The poses of the AR framework are in metres, those of a map in its own unit, and
 //! [`BurstOptions::metres_per_unit`] converts them. With a wrong unit the frames of a camera that moves contradict each
-//! other. Where the unit is not known, seal one frame ([`BurstOptions::with_frames`]): its message has no distance.
-//! [`Alignment::distance_ratio`](crate::Alignment::distance_ratio) shows whether the unit is right, and
-//! `veiloc map align` gives a map metres.
+//! other, and are worth no more than one. Where the unit is not known, seal one frame ([`BurstOptions::with_frames`]):
+//! its message has no distance. [`Alignment::distance_ratio`](crate::Alignment::distance_ratio) shows whether the unit is
+//! right, and `veiloc map align` gives a map metres.
 
 use std::collections::VecDeque;
 

@@ -87,11 +87,11 @@ fn a_burst_is_localized_and_trusted() {
     assert!((aligned.translation() - room.ar_from_map.translation()).norm() < 0.05);
 }
 
-/// The frames contradict each other then, and a pose that is far off must not be trusted.
+/// The frames contradict each other then. Either they lose their influence, or the pose its trust.
 #[test]
 fn a_wrong_unit_makes_no_wrong_pose_trusted() {
     let room = room();
-    for metres_per_unit in [0.01, 0.1, 10.0] {
+    for metres_per_unit in [0.01, 0.1, 0.5, 2.0, 10.0] {
         let options = BurstOptions::default().with_metres_per_unit(metres_per_unit);
         let mut burst = Burst::new(options).expect("options");
         for seconds in [0.0, 0.4, 0.8] {
@@ -102,7 +102,6 @@ fn a_wrong_unit_makes_no_wrong_pose_trusted() {
             continue;
         };
         let off = found.frames[0].cam_from_world.translation_error(&room.frame(0.8).cam_from_map);
-        println!("{metres_per_unit}: {off} {:?}", found.state);
         assert!(off < 0.03 || found.state != State::Trusted, "{metres_per_unit}: {off} m off");
     }
 }
