@@ -54,7 +54,8 @@ pub(super) fn sealed_in_session(
     let mut session = Session::new(options, &mut key);
     let mut drift = Rotation3::identity();
     let down = Vector3::from(gravity_source.down().in_world());
-    let seal = options_for(scheme);
+    // Anchors are compared: gravity would help the poses of some.
+    let seal = options_for(scheme).without_gravity();
     let sealed = frames
         .iter()
         .enumerate()
