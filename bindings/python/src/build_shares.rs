@@ -81,7 +81,7 @@ pub(crate) type TrialParts =
     ([f64; 6], [[f64; 6]; 6], [[f64; 6]; 6], bool, f64, Option<CameraParts>, Option<usize>);
 
 /// The numbers of a [`CameraEvidence`] and of its best camera, in the order of their fields.
-type CameraParts = ([[f64; 6]; 6], [f64; 6], f64, Option<(f64, f64)>);
+type CameraParts = ([[f64; 6]; 6], [f64; 6], f64, Option<(f64, f64)>, f64);
 
 /// One image: its index in the map, and a pose or None for each scheme.
 pub(crate) type ImageParts = (usize, Vec<Option<TrialParts>>);
@@ -90,7 +90,7 @@ pub(crate) fn parts_of(image: usize, trials: Vec<Option<SelfTestTrial>>) -> Imag
     let parts = |trial: SelfTestTrial| {
         let camera = trial.camera_evidence.map(|camera| {
             let best = camera.best.map(|best| (best.gain, best.shared_variance));
-            (camera.information, camera.gradient, camera.shared_variance, best)
+            (camera.information, camera.gradient, camera.shared_variance, best, camera.focal_gain)
         });
         (
             trial.step,
@@ -106,12 +106,14 @@ pub(crate) fn parts_of(image: usize, trials: Vec<Option<SelfTestTrial>>) -> Imag
 }
 
 pub(crate) fn trials_of(parts: Vec<Option<TrialParts>>) -> Vec<Option<SelfTestTrial>> {
-    let camera_evidence = |(information, gradient, shared_variance, best): CameraParts| CameraEvidence {
-        information,
-        gradient,
-        shared_variance,
-        best: best.map(|(gain, shared_variance)| BestCamera { gain, shared_variance }),
-    };
+    let camera_evidence =
+        |(information, gradient, shared_variance, best, focal_gain): CameraParts| CameraEvidence {
+            information,
+            gradient,
+            shared_variance,
+            best: best.map(|(gain, shared_variance)| BestCamera { gain, shared_variance }),
+            focal_gain,
+        };
     let trial = |(step, covariance, camera_covariance, trusted, noise_px, camera, looks_like): TrialParts| {
         SelfTestTrial {
             step,

@@ -61,13 +61,13 @@ impl SectorLayout {
     /// through it along the strips. How it was chosen: `docs/decisions/0058-the-default-layout-by-absolute-errors.md`.
     pub const SLANTED: Self = Self {
         anchors: [
-            AnchorCode::At(300, -420),
-            AnchorCode::At(-470, 650),
+            AnchorCode::At(370, -590),
+            AnchorCode::At(-530, 850),
             AnchorCode::At(0, 0),
             AnchorCode::At(0, 0),
         ],
         count: 2,
-        sectors: SectorCode { axis: 12_600, count: 24, shift: 0 },
+        sectors: SectorCode { axis: 12_200, count: 24, shift: 0 },
         across: None,
     };
 
