@@ -10,7 +10,8 @@ A page names a table's file, relative to the page, and the script fills the line
     <!-- end -->
 
 The first line of a CSV file is the header, with units; numbers are plain. A column is aligned to the right when all its
-cells are numbers or empty. A page has no table outside such comments, and a CSV file belongs to a page: both are checked.
+cells are numbers or empty. A page has no table outside such comments, and a CSV file belongs to a page, which has its table or,
+where that would be long, a link to it: both are checked.
 """
 
 import argparse
@@ -22,6 +23,7 @@ from pathlib import Path
 RESULTS = Path(__file__).resolve().parent.parent / "docs/results"
 BEGIN = re.compile(r"<!-- table: (\S+) -->")
 END = "<!-- end -->"
+LINK = re.compile(r"\]\((\S+\.csv)\)")
 NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
 
 
@@ -76,6 +78,7 @@ def filled(page: Path, used: set[Path]) -> str:
             fenced ^= line.startswith("```")
             if line.startswith("|") and not fenced:
                 raise WrongTable(f"line {number}: a table without a CSV file")
+            used.update(page.parent / link for link in LINK.findall(line))
             lines.append(line)
     if inside:
         raise WrongTable("the last table does not end")
