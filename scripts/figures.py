@@ -366,8 +366,14 @@ script(f"{ROWS} persons --people people --csv $O/privacy/persons.csv", "privacy/
 script(f"{ROWS} defences --queries 6 --csv $O/privacy/hole-defences.csv", "privacy/hole-defences.csv")
 script(f"{ROWS} person-defences --people people --queries 6 --places llff-room,fountain,entry,herzjesu --csv $O/privacy/person-defences.csv",
        "privacy/person-defences.csv", by_hand="a segmentation network")  # fmt: skip
-script(f"{ROWS} layouts --csv $O/privacy/layout-private.csv", "privacy/layout-private.csv")
-script("$P scripts/layout_poses.py --veiloc $V --data $D --work $W/layouts --csv $O/privacy/layout-poses.csv", "privacy/layout-poses.csv")
+ALSO = ('--also "slanted strips A=dcl:axis=126:sectors=24:anchors=0.3/-0.42+-0.47/0.65" '
+        '--also "slanted strips B=dcl:axis=126:sectors=24:anchors=0.35/-0.49+-0.41/0.57" '
+        '--also "slanted strips C=dcl:axis=126:sectors=24:anchors=0.35/-0.49+-0.53/0.73"')  # fmt: skip
+script(f"{ROWS} layouts --queries 8 --photos photos.jsonl.gz {ALSO} --csv $O/privacy/layout-private.csv "
+       "--means $O/privacy/layout-private-means.csv", "privacy/layout-private.csv", "privacy/layout-private-means.csv",
+       by_hand="keypoints of other photographs")  # fmt: skip
+script(f"$P scripts/layout_poses.py --veiloc $V --data $D --work $W/layouts {ALSO} --csv $O/privacy/layout-poses.csv "
+       "--means $O/privacy/layout-pose-means.csv", "privacy/layout-poses.csv", "privacy/layout-pose-means.csv")  # fmt: skip
 script(f"{ROWS} places --queries 6 --photos photos.jsonl.gz --csv $O/privacy/places.csv", "privacy/places.csv", by_hand=GPU)
 script("veiloc eval inversion", "privacy/inversion.csv", "privacy/inversion-paper.csv", by_hand=GPU)
 script("$P scripts/edge_images.py --veiloc $V --data $D --csv $O/privacy/edges.csv", "privacy/edges.csv")

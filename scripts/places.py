@@ -20,6 +20,9 @@ PLACES = ["hololens-office", "tum-fr1-rpy", "llff-room", "fountain", "entry", "r
 LAYOUTS = {
     "stripes 138": "dcl:axis=138:sectors=24:anchors=-0.62/-0.61+0.92/-1.16",
     "stripes 115": "dcl:axis=115:sectors=20:anchors=0.23/-0.33+-0.88/-0.47",
+    "upright strips, 0.5": "dcl:axis=90:sectors=24:anchors=0/-0.5+0/0.5",
+    "upright strips, 0.75": "dcl:axis=90:sectors=24:anchors=0/-0.75+0/0.75",
+    "slanted strips": "dcl:axis=122:sectors=24:anchors=0.37/-0.59+-0.53/0.85",
 }
 SCHEMES = {name: name for name in ["points", "random-lines", "dcl"]} | LAYOUTS
 STAGES = ["retrieval", "matching", "search", "objective"]
