@@ -37,8 +37,8 @@ RESULTS = ROOT / "docs/results"
 LOG = RESULTS / "figures.csv"
 COLUMNS = ["table", "command", "commit", "machine", "minutes"]
 SCENES = {"RedKitchen": "redkitchen", "Herz-Jesu": "herzjesu"}
-ALL = ["points", "random-lines", "coordinate-permutation", "dcl"]
-LINES = ["points", "random-lines", "dcl"]
+ALL = ["points", "random-lines", "coordinate-permutation", "dcl", "dcl:paper"]
+LINES = ["points", "random-lines", "dcl:paper"]
 RIGHT = "0.25/2"
 # What the scripts of the commands below import, and its package.
 PACKAGES = {"PIL": "pillow", "cv2": "opencv-python-headless", "h5py": "h5py", "numpy": "numpy", "onnxruntime": "onnxruntime",
@@ -127,7 +127,7 @@ def scenes(run: Run) -> list[tuple]:
     paper = [
         ["paper", "7Scenes RedKitchen", "HLoc, SuperPoint + NN, points", "0.5", "0.14", "95"],
         ["paper", "7Scenes RedKitchen", "random lines", "0.7", "0.20", "94"],
-        ["paper", "7Scenes RedKitchen", "dcl", "1.4", "0.42", "84"],
+        ["paper", "7Scenes RedKitchen", "dcl:paper", "1.4", "0.42", "84"],
     ]
     cells = [("RedKitchen", "redkitchen", 2048), ("Herz-Jesu", "herzjesu", 2048), ("Herz-Jesu", "herzjesu", 4096),
              ("Lund door", "lund-door", 2048), ("rendered room", "rendered", 2048)]  # fmt: skip
@@ -160,7 +160,7 @@ def scenes(run: Run) -> list[tuple]:
 
 @figure("poses/collapse.csv")
 def collapse(run: Run) -> list[tuple]:
-    found = run.document("eval", "scene", *run.scene("redkitchen"), "--schemes", "dcl", "--scores", "msac,likelihood",
+    found = run.document("eval", "scene", *run.scene("redkitchen"), "--schemes", "dcl:paper", "--scores", "msac,likelihood",
                          "--hypotheses", 1000, "--no-prior", "--thresholds", "0.05/5")  # fmt: skip
     names = {"msac": "MSAC on the distance to the line (paper)"}
     rows = []
@@ -226,7 +226,7 @@ def data_sets(run: Run) -> list[tuple]:
 @figure("poses/ablations.csv")
 def ablations(run: Run) -> list[tuple]:
     """The paper's ablations: more partitions, and halves that lie beside each other."""
-    names = {"points": "points", "random-lines": "random lines", "dcl:paper": "dcl", "dcl:s=2": "dcl, s = 2", "dcl:s=3": "dcl, s = 3",
+    names = {"points": "points", "random-lines": "random lines", "dcl:paper": "dcl:paper", "dcl:s=2": "dcl, s = 2", "dcl:s=3": "dcl, s = 3",
              "dcl:horizontal": "dcl, halves side by side"}  # fmt: skip
     rows = []
     for scene, folder in SCENES.items():

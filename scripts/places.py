@@ -24,7 +24,9 @@ LAYOUTS = {
     "upright strips, 0.75": "dcl:axis=90:sectors=24:anchors=0/-0.75+0/0.75",
     "slanted strips": "dcl:axis=122:sectors=24:anchors=0.37/-0.59+-0.53/0.85",
 }
-SCHEMES = {name: name for name in ["points", "random-lines", "dcl"]} | LAYOUTS
+# `dcl` is the slanted strips.
+OTHERS = {"paper": "dcl:paper"} | {name: text for name, text in LAYOUTS.items() if name != "slanted strips"}
+SCHEMES = {name: name for name in ["points", "random-lines", "dcl"]} | OTHERS
 STAGES = ["retrieval", "matching", "search", "objective"]
 COLUMNS = [
     "place", "scheme", "queries", "within 5 cm and 5° (%)", "within 25 cm and 2° (%)", "median error (map units)",

@@ -255,9 +255,9 @@ def seals(args):
 
 def paper(args):
     table = [["paper", "7Scenes", scheme, mean, ""] for scheme, mean in
-             (("random-lines", "6.137"), ("coordinate-permutation", "10.56"), ("dcl", "330.4"))]  # fmt: skip
+             (("random-lines", "6.137"), ("coordinate-permutation", "10.56"), ("dcl:paper", "330.4"))]  # fmt: skip
     for name, few, all_of_dcl in (("RedKitchen", 4, 22), ("Herz-Jesu", 2, 8)):
-        for of_schemes, limit in (("random-lines,coordinate-permutation", few), ("dcl", all_of_dcl)):
+        for of_schemes, limit in (("random-lines,coordinate-permutation", few), ("dcl:paper", all_of_dcl)):
             rows = attacks(args, keypoints(args, name), "--limit", limit, "--schemes", of_schemes, "--attacks", "closed-form")
             mean = {(row["scheme"], row["attack"]): row["mean_px"] for row in rows}
             for scheme in of_schemes.split(","):

@@ -88,12 +88,12 @@ def positions():
     ]
     tensors = dict(middles=fields() / np.sqrt(np.float32(12)), bins=np.array([2], np.int64), last=np.array([3], np.int64))
     write(DATA / "learned/positions.onnx", inputs, {"logits": [1, "N", "B"]}, nodes, factor=np.float32(-50), **tensors)
-    describe("positions", "positions", "made-up", 12, scheme="dcl", sees="row")
+    describe("positions", "positions", "made-up", 12, scheme="dcl:paper", sees="row")
     # An untrained network.
     zero = [node("Mul", "guess nothing", "small"), node("Mul", "small nothing", "logits")]
     keep = [node("ReduceSum", "descriptors", "d", keepdims=0), node("ReduceSum", "places", "p", keepdims=0)]
     write(DATA / "learned/untrained.onnx", inputs, {"logits": [1, "N", "B"]}, zero + keep, nothing=np.float32(0))
-    describe("untrained", "positions", "made-up", 12, scheme="dcl", sees="set")
+    describe("untrained", "positions", "made-up", 12, scheme="dcl:paper", sees="set")
 
 
 def neighbours():

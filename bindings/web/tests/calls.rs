@@ -92,7 +92,8 @@ fn shown_lines_are_those_of_the_query() {
         (json!(query.camera().width), Some(2))
     );
     let count = |field: &str| shown[field].as_u64().expect("a count") as usize;
-    assert_eq!(count("segments"), query.len());
+    // The line of a row may cross several strips of its anchor.
+    assert!(count("segments") >= query.len());
     assert_eq!(numbers.len(), 4 * (4 * count("segments") + 2 * count("keypoints") + 2 * count("real")));
     assert_eq!(count("real"), query.len(), "there are no decoys, and each row has its keypoint");
 

@@ -293,16 +293,19 @@ fn conclude_with_priors<'a>(
     let mut confidence = assess(matches, &polished.pose, &inliers, &likelihoods, &independent, margin);
     let known = search.priors();
     let mut by_matches = uncertainty(&nothing, free, design_effect).1;
-    let mut covariance =
-        if known.is_empty() { by_matches } else { uncertainty(known, free, design_effect).1 };
-    (covariance, by_matches) = (with_camera(&covariance), with_camera(&by_matches));
-    confidence = confidence.with_covariances(&covariance, &by_matches);
-    confidence.position_deviation = known.position_deviation(&polished.pose, position_sd(&by_matches));
     let gravity_test = problem.gravity.as_ref().filter(|_| search.is_likelihood()).map(|gravity| {
         let test = GravityTest::new(gravity, &polished.pose);
         if known.has_gravity() { test.without_influence(&independent) } else { test }
     });
-    confidence.gravity = gravity_test.map(|test| test.judge(&by_matches));
+    confidence.gravity = gravity_test.map(|test| test.judge(&with_camera(&by_matches)));
+    // Only a gravity direction that the matches confirm makes the ± smaller.
+    let is_confirmed = confidence.gravity.is_some_and(|gravity| gravity.log_evidence > 0.0);
+    let confirmed = if is_confirmed { known.clone() } else { known.without_gravity() };
+    let mut covariance =
+        if confirmed.is_empty() { by_matches } else { uncertainty(&confirmed, free, design_effect).1 };
+    (covariance, by_matches) = (with_camera(&covariance), with_camera(&by_matches));
+    confidence = confidence.with_covariances(&covariance, &by_matches);
+    confidence.position_deviation = known.position_deviation(&polished.pose, position_sd(&by_matches));
     if let FocalVerdict::Suspicious { other, .. } = verdict {
         let shift = polished.pose.step_to(&other.pose);
         (covariance, by_matches) = (with_shift(&covariance, &shift), with_shift(&by_matches, &shift));

@@ -257,10 +257,10 @@ mod tests {
     #[test]
     fn codes_round_trip_and_invalid_ones_are_rejected() {
         for scheme in Scheme::ALL {
-            let (a, b, c) = scheme.codes();
-            assert_eq!(Scheme::from_codes(a, b, c).expect("own codes"), scheme);
+            let ((a, b, c), bytes) = (scheme.codes(), scheme.layout_bytes());
+            assert_eq!(Scheme::with_layout(a, b, c, &bytes).expect("own codes"), scheme);
         }
-        for text in ["dcl:s=2", "dcl:axis=67,sectors=20,anchors=-0.12/-0.49+1.5/0"] {
+        for text in ["dcl:paper", "dcl:s=2", "dcl:axis=67,sectors=20,anchors=-0.12/-0.49+1.5/0"] {
             let scheme: Scheme = text.parse().expect("a layout");
             let ((a, b, c), bytes) = (scheme.codes(), scheme.layout_bytes());
             assert_eq!(Scheme::with_layout(a, b, c, &bytes).expect("own codes"), scheme);

@@ -35,7 +35,7 @@ pub struct SealOptions {
     stop: Stop,
 }
 
-/// `dcl` with a vertical dividing line, 12-bit angles, as many keypoints as the profile requests within
+/// `dcl` with its default layout, 12-bit angles, as many keypoints as the profile requests within
 /// [`DeviceLimits::default`]; the camera is calibrated, gravity is sent where the orientation of the camera has it
 /// ([`SealOptions::with_gravity_of`]), features are SIFT ([`Extractors::for_sealing`]), and no global descriptor of the
 /// image is sent.

@@ -101,7 +101,7 @@ impl GravityTest {
 #[cfg(test)]
 mod tests {
     use veiloc_geometry::Rigid3;
-    use veiloc_geometry::nalgebra::{Matrix6, Rotation3, Unit};
+    use veiloc_geometry::nalgebra::{Matrix6, Rotation3, Unit, Vector6};
 
     use super::*;
     use crate::likelihood::pose_priors::PosePriors;
@@ -165,7 +165,7 @@ mod tests {
         for _ in 0..40 {
             let mut system = System::empty();
             priors.add_to(&both, &mut system);
-            let from = veiloc_geometry::nalgebra::Vector6::from(pose().step_to(&both));
+            let from = Vector6::from(pose().step_to(&both));
             let gradient = system.gradient + information * from;
             let step = -(system.hessian + information).try_inverse().expect("positive") * gradient;
             both = both.perturbed(&step.into());

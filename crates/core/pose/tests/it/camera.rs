@@ -9,7 +9,8 @@ use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Point3};
 use veiloc_pose::likelihood::MapCameras;
 use veiloc_pose::{
-    Doubt, FocalPrior, Gravity, PoseError, PoseOptions, PoseProblem, PositionPrior, State, estimate_pose,
+    Confidence, Doubt, FocalPrior, Gravity, PoseError, PoseOptions, PoseProblem, PositionPrior, Precision,
+    State, estimate_pose,
 };
 
 const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
@@ -92,11 +93,23 @@ fn uncertain_orientation_is_doubted() {
     assert!(found.confidence.held_rotation_deg <= found.confidence.rotation_sd_deg);
     assert!(found.confidence.held_rotation_deg < 2.0);
     let mut loose = found.confidence;
-    loose.held_rotation_deg = 2.4;
+    loose.held_rotation_deg = 5.4;
     let doubts = loose.doubts();
     let loose =
-        |doubt: &Doubt| matches!(doubt, Doubt::Imprecise { rotation_sd_deg, .. } if *rotation_sd_deg > 2.0);
+        |doubt: &Doubt| matches!(doubt, Doubt::Imprecise { rotation_sd_deg, .. } if *rotation_sd_deg > 5.0);
     assert!(doubts.iter().any(loose), "{doubts:?}");
+    // A caller may need more.
+    let mut needed = found.confidence;
+    let is_less = |confidence: &Confidence| {
+        confidence.doubts().iter().any(|doubt| matches!(doubt, Doubt::LessThanNeeded { .. }))
+    };
+    let rotation_deg = needed.rotation_sd_deg;
+    needed.needed = Precision { rotation_deg: 1.1 * rotation_deg, ..Precision::ANY };
+    assert!(!is_less(&found.confidence) && !is_less(&needed));
+    needed.needed = Precision { rotation_deg: 0.9 * rotation_deg, ..Precision::ANY };
+    assert!(is_less(&needed));
+    needed.needed = Precision { position: 0.9 * needed.center_sd, ..Precision::ANY };
+    assert!(is_less(&needed));
 }
 
 #[test]

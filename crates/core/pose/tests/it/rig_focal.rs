@@ -149,7 +149,9 @@ fn distortion_of_the_map_is_no_other_focal_length() {
         for frames in [1, 3] {
             let counts = (estimated(MapCameras::UNMEASURED, frames), estimated(distorted, frames));
             println!("{scheme:?} {frames} {counts:?}");
-            assert!(counts.0 >= 3 && counts.1 == 0, "{scheme:?}, {frames} frames: {counts:?}");
+            // A single frame that nothing else speaks against is not searched with other focal lengths.
+            let least = if frames == 1 { 1 } else { 3 };
+            assert!(counts.0 >= least && counts.1 == 0, "{scheme:?}, {frames} frames: {counts:?}");
         }
     }
 }

@@ -149,9 +149,8 @@ fn hints() -> Vec<Hints> {
 /// Camera hints are read as written, and their numbers are checked.
 #[test]
 fn camera_hints_round_trip_and_are_checked() {
-    let seal = |hints| {
-        common::query_with_hints(hints, &common::profile(), Scheme::default(), AngleBits::default(), 256, 3)
-    };
+    let seal =
+        |hints| common::query_with_hints(hints, &common::profile(), paper(), AngleBits::default(), 256, 3);
     let mut forms = std::collections::BTreeSet::new();
     for hint in hints() {
         let query = seal(hint);
@@ -276,7 +275,7 @@ fn descriptor_kinds_and_global_models_are_checked() {
 #[test]
 fn query_with_wrong_profile_id_is_rejected() {
     let profile = common::own_profile();
-    let query = common::query_with(&profile, Scheme::default(), AngleBits::default(), 256, 1);
+    let query = common::query_with(&profile, paper(), AngleBits::default(), 256, 1);
     let bytes = query.encode();
     let norm = SealedQuery::decode(&with_field(&bytes, 14, 301)).expect("a query");
     assert!(matches!(profile.check(&norm), Err(QueryError::Mismatch { what: "descriptor kind", .. })));
@@ -288,6 +287,11 @@ fn query_with_wrong_profile_id_is_rejected() {
     shorter[at] = 39;
     let shorter = SealedQuery::decode(&shorter).expect("a query");
     assert!(matches!(profile.check(&shorter), Err(QueryError::Mismatch { .. })));
+}
+
+/// The scheme whose layout are two numbers.
+fn paper() -> Scheme {
+    "dcl:paper".parse().expect("a layout")
 }
 
 /// The value of the `fixed32` field with this one-byte key, replaced. All such fields lie before the long ones.
@@ -319,16 +323,16 @@ fn error_names_the_invalid_field() {
         (10, 255, "rows"),
         (10, u32::MAX, "rows"),
     ] {
-        let error = SealedQuery::decode(&with_field(&sealed(Scheme::default()), field, value));
+        let error = SealedQuery::decode(&with_field(&sealed(paper()), field, value));
         assert!(
             matches!(error, Err(QueryError::Field { field, .. }) if field == name),
             "{name} = {value}: {error:?}"
         );
     }
     // Another number of angle bits requires another number of bytes.
-    let longer = with_field(&sealed(Scheme::default()), 6, 13);
+    let longer = with_field(&sealed(paper()), 6, 13);
     assert!(matches!(SealedQuery::decode(&longer), Err(QueryError::Length { field: "positions", .. })));
-    let more = with_field(&sealed(Scheme::default()), 10, 512);
+    let more = with_field(&sealed(paper()), 10, 512);
     assert!(matches!(SealedQuery::decode(&more), Err(QueryError::Length { .. })));
     // A line that misses a smaller image.
     let small = with_field(&with_field(&sealed(Scheme::RandomLines), 8, 1), 9, 1);

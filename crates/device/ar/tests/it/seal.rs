@@ -115,7 +115,8 @@ fn a_query_that_cannot_determine_a_pose_is_not_given() {
     }
     let frame = CameraFrame::new(PixelFormat::Gray, SIZE, &pixels, 0).expect("a frame");
     let known = KnownCamera::calibrated(camera());
-    let (options, mut rng) = (SealOptions::default(), rng());
+    let of_halves = SealOptions::new("dcl:paper".parse().expect("a layout")).expect("protected");
+    let (options, mut rng) = (of_halves, rng());
     let mut session = Session::new(SessionOptions::default(), &mut rng);
     for stored in [Some(&mut session), None] {
         let sealed = seal_to_send(stored, &frame, &known, &profile(), &options, None, &mut rng);

@@ -10,7 +10,7 @@
 //!
 //! Lines of neighbours then meet in their anchor, which is far from the keypoints, or are nearly parallel across the
 //! midline; the geometry-recovery attack (Sec. 4.2, Proposition 1) errs with either. Other partitions and anchors are
-//! layouts of the same kind ([`DclLayout`]; anchors and parts as geometry: [`Pencils`]).
+//! layouts of the same kind ([`DclLayout`]; anchors and parts as geometry: [`Pencils`]); the default has strips.
 //!
 //! A row holds the anchor and one angle about it ([`AnchoredRow`]), never a scaled line, whose norm would be `‖x − a‖`
 //! (rule L1). The wire rounds the angle (rule L2); a session quantizes it on a grid before (rule L10).

@@ -37,7 +37,7 @@ fn l1_line_reveals_no_distance_from_anchor() {
         features_at(&pixels, 1),
         &camera(),
         &profile().with_limits(limits(4096)).expect("allowed"),
-        &options("dcl").with_max_keypoints(4096),
+        &options("dcl:paper").with_max_keypoints(4096),
         &mut rng,
     )
     .expect("sealed");
@@ -216,7 +216,7 @@ fn l5_size_reveals_only_the_class_and_decoys_are_unmarked() {
             seal_with_truth(features, &camera(), &profile(), &options(scheme), &mut rng(5)).expect("sealed")
         };
         let lengths: BTreeSet<usize> =
-            [3, 60, 255, 256, 300, 511].into_iter().map(|n| sealed(n).0.encode().len()).collect();
+            [8, 60, 255, 256, 300, 511].into_iter().map(|n| sealed(n).0.encode().len()).collect();
         assert_eq!(lengths.len(), 1, "{scheme}: {lengths:?}");
         assert_ne!(
             sealed(512).0.encode().len(),

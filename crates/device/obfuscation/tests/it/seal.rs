@@ -79,12 +79,13 @@ fn unsealable_images_are_rejected() {
         assert!(matches!(seal_at(&outside, scheme), Err(SealError::NoKeypoints { extracted: 2 })));
     }
     let left: Vec<Pixel> = uniform_pixels(100, 3).iter().map(|p| Pixel::new(p.u / 3.0, p.v)).collect();
-    assert!(matches!(seal_at(&left, "dcl"), Err(SealError::OneSided { keypoints: 100 })));
+    assert!(matches!(seal_at(&left, "dcl:paper"), Err(SealError::OneSided { keypoints: 100 })));
+    assert_eq!(seal_at(&left, "dcl").ok(), Some(256), "the default needs no remedy");
     assert_eq!(seal_at(&left, "dcl:horizontal").ok(), Some(256), "the remedy of the error works");
     assert_eq!(seal_at(&left, "random-lines").ok(), Some(256));
     // Keypoints on both sides, but on one of them only within a pixel of its anchor.
     let near: Vec<Pixel> = left.iter().copied().chain([Pixel::new(320.5, 479.9)]).collect();
-    assert!(matches!(seal_at(&near, "dcl"), Err(SealError::OneSided { keypoints: 100 })));
+    assert!(matches!(seal_at(&near, "dcl:paper"), Err(SealError::OneSided { keypoints: 100 })));
 
     let mut unpaired = features_at(&left, 3);
     unpaired.keypoints.pop();

@@ -351,7 +351,7 @@ fn large_rotation_starts_anew_without_repeated_keypoints() {
             descriptors: whole.descriptors.select(numbers.iter().copied()),
             global: None,
         };
-        let options = SealOptions::default();
+        let options = options("dcl:paper");
         let before = session.clone();
         let sealed = session.seal_with_truth(features, &camera(), &profile, &options, &held(turn), &mut rng);
         let (query, truth) = match sealed {

@@ -65,7 +65,7 @@ fn other_set_with_equal_codes(
 #[test]
 fn sets_with_equal_codes_give_equal_bytes() {
     let anchors = ImageAnchors::new(640, 480);
-    for scheme in ["dcl", "random-lines"] {
+    for scheme in ["dcl:paper", "random-lines"] {
         let mut total = 0;
         for pair in 0..40 {
             let pixels = uniform_pixels(ROWS, 1000 + pair);
@@ -227,7 +227,7 @@ fn no_field_correlates_with_the_hidden_radius() {
                     features_at(&free_radii(seed), seed),
                     &camera(),
                     &profile(),
-                    &options("dcl"),
+                    &options("dcl:paper"),
                     &mut rng(seed),
                 )
                 .expect("sealed");

@@ -117,7 +117,7 @@ fn positions_follow_network_output() {
     let network = PositionNetwork::open(&data("positions.toml")).expect("a network");
     assert_eq!(
         (network.scheme().to_string().as_str(), network.input_modality()),
-        ("dcl", InputModality::Row)
+        ("dcl:paper", InputModality::Row)
     );
     let images = [image(1), image(2)];
     let mut rng = ChaCha8Rng::seed_from_u64(8);

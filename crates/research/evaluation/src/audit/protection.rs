@@ -33,7 +33,8 @@ mod tests {
         let places = rows("places.csv");
         // Seven cells as `69 / 60 (-0.06)`, and their mean.
         let bits = |knows: &str| {
-            let row = places.iter().find(|row| row[0] == "dcl" && row[1] == knows).expect("an adversary");
+            let row =
+                places.iter().find(|row| row[0] == "dcl:paper" && row[1] == knows).expect("an adversary");
             let of_cell = |cell: &String| -> f64 {
                 let bits = cell.rsplit_once('(').expect("bits").1.trim_end_matches(')');
                 bits.parse().expect("a number")
@@ -42,7 +43,8 @@ mod tests {
         };
         assert_eq!(places[0].len() - 3, 7, "places");
         let hole = rows("hole.csv");
-        let of_hole = hole.iter().filter(|row| row[1] == "dcl").map(|row| row[7].parse().expect("bits"));
+        let of_hole =
+            hole.iter().filter(|row| row[1] == "dcl:paper").map(|row| row[7].parse().expect("bits"));
         for (range, after) in [
             (bits("the query and a statistic of other places"), "only the query"),
             (bits("images from nearby viewpoints"), "nearby viewpoints"),

@@ -30,8 +30,11 @@ impl FromStr for GravityNoise {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let (sd, wrong) = text.split_once(',').unwrap_or((text, "0"));
-        let refuse =
-            || format!("{text:?}: expected a deviation, or a deviation and an error, as in 0.5 or 0.5,90");
+        let refuse = || {
+            format!(
+                "{text:?}: expected a deviation above 0, or a deviation and an error, as in 0.5 or 0.5,90"
+            )
+        };
         let number = |text: &str| text.trim().parse::<f64>().ok().filter(|n| n.is_finite() && *n >= 0.0);
         let (sd_deg, wrong_by_deg) = number(sd).zip(number(wrong)).ok_or_else(refuse)?;
         if sd_deg > 0.0 && wrong_by_deg <= 180.0 { Ok(Self { sd_deg, wrong_by_deg }) } else { Err(refuse()) }

@@ -120,6 +120,7 @@ pub(crate) mod tests {
                 Some(_) => State::Doubtful,
                 None => State::NotFound,
             }),
+            doubts: Vec::new(),
             has_ground_truth: true,
             rotation_error_deg: error.map(|e| e.0),
             translation_error: error.map(|e| e.1),

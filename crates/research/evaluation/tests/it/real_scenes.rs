@@ -97,7 +97,8 @@ fn likelihood_removes_collapse_of_plain_score(data: &Path) {
 #[real_data_test]
 fn recipes_seeds_and_the_floor_on_real_matches(data: &Path) {
     let files = vec![data.join("problems/redkitchen_r08.jsonl.gz")];
-    let mut evaluation = PoseEvaluation::new(files, vec![Scheme::Points, Scheme::default()]);
+    let mut evaluation =
+        PoseEvaluation::new(files, vec![Scheme::Points, "dcl:paper".parse().expect("a layout")]);
     evaluation.recipes = vec![Recipe::Paper, Recipe::Default, Recipe::Floor];
     evaluation.thresholds = vec!["0.05/5".parse().expect("a threshold")];
     evaluation.seeds = 2;
@@ -110,7 +111,10 @@ fn recipes_seeds_and_the_floor_on_real_matches(data: &Path) {
     let median = |scheme, recipe| row(scheme, recipe).median_translation.unwrap_or(f64::INFINITY);
     assert_eq!(row("points", "default").recall["0.05/5"], 1.0);
     assert!(median("points", "floor") < median("points", "default"));
-    assert!(row("dcl", "default").recall["0.05/5"] > 0.8 && row("dcl", "paper").recall["0.05/5"] < 0.3);
+    assert!(
+        row("dcl:paper", "default").recall["0.05/5"] > 0.8
+            && row("dcl:paper", "paper").recall["0.05/5"] < 0.3
+    );
     assert_eq!(result.queries.len(), 2 * 3 * 2 * 22);
     assert!(result.schemes.iter().all(|s| s.per_seed.len() == 2 && s.queries == 44));
 }

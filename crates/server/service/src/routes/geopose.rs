@@ -145,7 +145,7 @@ async fn answer(
         places.iter().find(|(_, loaded)| loaded.profile_id == id)
     };
     let sealed = decoded.queries().next().ok_or(Problem::Broken)?;
-    if !request.names_scheme(&sealed.scheme().to_string()) {
+    if !request.names_scheme(sealed.scheme().name()) {
         return Err(malformed("privacy.dataSanitizationApplied must contain the scheme of the query"));
     }
     let (reference, loaded) = of_profile(sealed).ok_or(Problem::WrongProfile)?;

@@ -13,9 +13,10 @@ use crate::ui::Ui;
 #[derive(clap::Args)]
 pub(crate) struct DeviceArgs {
     /// Obfuscation scheme: dcl, random-lines, coordinate-permutation, or points, which sends keypoint positions in the
-    /// clear. The device decides, not the map or the service. dcl uses the paper's two halves (dcl:horizontal and
-    /// dcl:angle=DEGREES change the border between them); dcl:axis=DEGREES:sectors=COUNT:anchors=X/Y+X/Y assigns
-    /// stripes to anchors of your choice, with higher accuracy and other leaks (research/notes/layouts.md).
+    /// clear. The device decides, not the map or the service. dcl has slanted strips; dcl:paper has the paper's two
+    /// halves (dcl:horizontal and dcl:angle=DEGREES change the border between them), and
+    /// dcl:axis=DEGREES:sectors=COUNT:anchors=X/Y+X/Y assigns strips to anchors of your choice, with another accuracy
+    /// and other leaks (docs/results/privacy.md).
     #[arg(long, default_value = "dcl")]
     scheme: Scheme,
     /// Send at most N keypoints, the strongest, rounded down to a size class (256, 512, 1024, 2048, 4096); keypoints

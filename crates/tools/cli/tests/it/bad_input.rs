@@ -115,9 +115,10 @@ fn keypoints_on_one_side_only() {
         )
     };
     let expected_words: &[&str] = &["bad/left.png", "one side", "turn the camera", "dcl:horizontal"];
-    check(scene, vec![refused(command("dcl"), expected_words)]);
-    // The remedy works.
+    check(scene, vec![refused(command("dcl:paper"), expected_words)]);
+    // The remedy works, and the default needs none.
     scene.run(&command("dcl:horizontal")).succeeded();
+    scene.run(&command("dcl")).succeeded();
 }
 
 #[test]

@@ -288,7 +288,7 @@ fn one_sided_image_is_not_sent() {
         }
     }
     image.save(scene.path("images/half.png")).expect("written");
-    let run = scene.run(&send("half.png", &service.url));
+    let run = scene.run(&format!("{} --scheme dcl:paper", send("half.png", &service.url)));
     assert!(run.code == Some(1) && run.stderr.contains("side of the dividing line"), "{run}");
     assert!(run.stderr.contains("turn"), "the message has a remedy: {run}");
     assert!(!service.log().contains("/localize"), "nothing was sent: {}", service.log());

@@ -220,7 +220,7 @@ fn l10_stationary_camera_repeats_its_codes() {
             session < once + 0.05,
             "{scheme}: {session} bits from the scatter of a session, {once} from one frame"
         );
-        assert!(scattered > once + 0.8, "{scheme}: {scattered} bits from scatter");
+        assert!(scattered > once + 0.5, "{scheme}: {scattered} bits from scatter");
     }
 }
 

@@ -61,7 +61,8 @@ mod tests {
     #[test]
     fn formula_equals_spread_of_sent_lines() {
         let bits = AngleBits::new(9).expect("allowed");
-        for scheme in [Scheme::Points, Scheme::RandomLines, Scheme::default()] {
+        let paper = "dcl:paper".parse().expect("a layout");
+        for scheme in [Scheme::Points, Scheme::RandomLines, paper] {
             for noise in [0.0, 0.7] {
                 let mut rng = ChaCha8Rng::seed_from_u64(9);
                 let options = SyntheticScene::Deep.problems(20_000).noise(noise);

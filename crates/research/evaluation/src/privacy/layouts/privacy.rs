@@ -143,7 +143,7 @@ mod tests {
             assert_eq!(name, Scheme::Dcl(layout).to_string());
             share
         };
-        let halves = share("dcl");
+        let halves = share("dcl:paper");
         // One border of 480 px; neighbours are about 10 px away, half of that across the border on average, over 640
         // px.
         assert!((0.003..0.02).contains(&halves), "{halves}");

@@ -216,7 +216,7 @@ fn intervals(data: &TableData, options: &TableOptions) -> FormattedTable {
 /// Means over the scenes for the schemes of the paper's ablations, and the queries that could not be sealed because
 /// all keypoints lie on one side; `None` if only one of the schemes was run.
 fn ablation(data: &TableData, options: &TableOptions) -> Option<FormattedTable> {
-    let schemes = ["dcl", "dcl:s=2", "dcl:s=3", "dcl:horizontal"];
+    let schemes = ["dcl:paper", "dcl:s=2", "dcl:s=3", "dcl:horizontal"];
     let rows: Vec<String> = data
         .rows()
         .into_iter()

@@ -153,13 +153,13 @@ pub(super) const METHODS: &[PublishedRow] = &[
 /// The paper's ablation of the distance between the anchors (Table 5, for Aachen the supplement): scheme, data set,
 /// cell.
 pub(super) const ANCHORS: &[(&str, &str, &str)] = &[
-    ("dcl", "7scenes", "5.14/1.41"),
+    ("dcl:paper", "7scenes", "5.14/1.41"),
     ("dcl:s=2", "7scenes", "5.14/1.42"),
     ("dcl:s=3", "7scenes", "6.66/1.37"),
-    ("dcl", "cambridge", "22.50/0.50"),
+    ("dcl:paper", "cambridge", "22.50/0.50"),
     ("dcl:s=2", "cambridge", "27.75/0.73"),
     ("dcl:s=3", "cambridge", "32.50/0.75"),
-    ("dcl", "aachen", "41.0/57.9/72.7 and 13.3/21.4/38.8"),
+    ("dcl:paper", "aachen", "41.0/57.9/72.7 and 13.3/21.4/38.8"),
     ("dcl:s=2", "aachen", "34.1/53.2/71.5 and 14.3/20.4/37.8"),
     ("dcl:s=3", "aachen", "26.8/49.5/70.3 and 12.2/24.5/37.8"),
 ];

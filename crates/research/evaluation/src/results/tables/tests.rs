@@ -12,11 +12,11 @@ fn result(name: &str, scheme: &str, error: Option<(f64, f64)>) -> QueryResult {
 fn document(official: bool) -> String {
     let mut queries = Vec::new();
     for (scene, errors) in [("chess", [0.01, 0.02, 0.03]), ("stairs", [0.01, 0.04, f64::INFINITY])] {
-        for (scheme, worse) in [("points", 1.0), ("dcl", 2.0), ("dcl:s=2", 4.0)] {
+        for (scheme, worse) in [("points", 1.0), ("dcl:paper", 2.0), ("dcl:s=2", 4.0)] {
             for (k, error) in errors.iter().enumerate() {
                 let found = error.is_finite().then_some((0.1 * worse, error * worse));
                 let mut result = result(&format!("{k}.png"), scheme, found);
-                if found.is_none() && scheme == "dcl" {
+                if found.is_none() && scheme == "dcl:paper" {
                     result.sealed_bytes = Some(0);
                 }
                 queries.push(SceneQuery { scene: Some(scene.to_owned()), condition: None, result });
@@ -53,9 +53,9 @@ fn medians_and_recalls_are_in_their_cells() {
     assert_eq!(line(&text, "| queries"), "| queries | 3 | 3 |");
     // 1, 2, 3 cm: median 2, all within 5 cm; on the stairs one query is lost.
     assert_eq!(line(&text, "| points |"), "| points | 2.00/0.100/100.0 | 4.00/0.100/66.7 |");
-    assert_eq!(line(&text, "| dcl |"), "| dcl | 4.00/0.200/66.7 | 8.00/0.200/33.3 |");
+    assert_eq!(line(&text, "| dcl:paper |"), "| dcl:paper | 4.00/0.200/66.7 | 8.00/0.200/33.3 |");
     // Mean of the medians, and the number of queries that could not be sealed.
-    assert!(text.contains("| dcl | 6.00/0.200 | 1 | 6 |"), "{text}");
+    assert!(text.contains("| dcl:paper | 6.00/0.200 | 1 | 6 |"), "{text}");
     assert!(text.contains("| dcl:s=2 | 12.00/0.400 | 0 | 6 |"), "{text}");
 }
 

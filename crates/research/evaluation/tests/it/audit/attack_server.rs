@@ -102,7 +102,7 @@ fn evaluation(keypoints: &Path, problems: &Path, attacks: &[Attack]) -> AttackEv
         files: vec![keypoints.to_owned()],
         synthetic: 0,
         images: Some(1),
-        schemes: vec!["dcl".parse().expect("a scheme")],
+        schemes: vec!["dcl:paper".parse().expect("a scheme")],
         attacks: attacks.to_vec(),
         neighbours: NeighbourSource::Oracle,
         positions: Vec::new(),
@@ -146,7 +146,7 @@ fn server_knows_inliers_and_recovers_others() {
     options.frames = vec![2, 6];
     let document = run(&options).expect("attacked");
     let server = &document.server[0];
-    assert_eq!((server.images, server.trusted, server.scheme.as_str()), (1, 1, "dcl"));
+    assert_eq!((server.images, server.trusted, server.scheme.as_str()), (1, 1, "dcl:paper"));
     assert!(
         (server.known - 0.5).abs() < 0.02 && (server.known + server.measured - 1.0).abs() < 1e-9,
         "{server:?}"

@@ -50,15 +50,18 @@ fn position_network_attacks_its_scheme() {
     let model = data("positions.toml");
     let mut evaluation = AttackEvaluation {
         files: vec![file(folder.path())],
-        schemes: ["random-lines", "dcl"].map(|s| s.parse().expect("a scheme")).to_vec(),
+        schemes: ["random-lines", "dcl:paper"].map(|s| s.parse().expect("a scheme")).to_vec(),
         attacks: vec![attack("trained-positions")],
         positions: vec![model.clone()],
         ..AttackEvaluation::default()
     };
     let found = evaluate_attacks(&evaluation, |_, _| ()).expect("attacked").attacks;
     let rows: Vec<(String, Attack)> = found.iter().map(|r| (r.scheme.clone(), r.attack)).collect();
-    let expected =
-        [("random-lines", Attack::PRIOR), ("dcl", Attack::PRIOR), ("dcl", attack("trained-positions"))];
+    let expected = [
+        ("random-lines", Attack::PRIOR),
+        ("dcl:paper", Attack::PRIOR),
+        ("dcl:paper", attack("trained-positions")),
+    ];
     assert_eq!(rows, expected.map(|(s, a)| (s.to_owned(), a)), "no network of random lines");
     assert!(found[2].bits_over_prior > 0.7, "{:?}", found[2]);
 

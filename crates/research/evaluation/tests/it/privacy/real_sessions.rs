@@ -17,6 +17,7 @@ fn names(list: &Path, every: usize) -> Vec<String> {
 fn kitchen(data: &Path) -> SessionsEvaluation {
     let folder = data.join("redkitchen");
     let scene = SceneEvaluation {
+        schemes: vec!["dcl:paper".parse().expect("a layout")],
         thresholds: vec!["0.05/5".parse().expect("a threshold")],
         ..SceneEvaluation::of_scene(
             read_posed(&folder.join("posed")).expect("poses of the data"),

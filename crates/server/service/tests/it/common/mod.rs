@@ -64,8 +64,8 @@ impl TestScene {
         seal_features(self.features(pose), &self.camera, &self.profile, &mut rng).encode()
     }
 
-    /// A query whose left half shows this scene and whose right half another: matching lines share one anchor, so one
-    /// direction is not constrained.
+    /// A query under the paper's halves whose left half shows this scene and whose right half another: matching lines
+    /// share one anchor, so one direction is not constrained.
     pub fn sealed_with_doubts(&self) -> Vec<u8> {
         let own = self.features(&truth());
         let other = TestScene::new(77).features(&truth()).descriptors;
@@ -74,12 +74,12 @@ impl TestScene {
             let shown = if own.keypoints[i].pixel.u < middle { &own.descriptors } else { &other };
             shown.as_bytes()[128 * i..128 * (i + 1)].to_vec()
         };
-        self.with_descriptors(row, other.len())
+        self.with_descriptors(row, other.len(), "dcl:paper")
     }
 
     /// A query whose rows are all equal: no row matches better than another.
     pub fn sealed_without_features(&self) -> Vec<u8> {
-        self.with_descriptors(|_| vec![200; 128], usize::MAX)
+        self.with_descriptors(|_| vec![200; 128], usize::MAX, "dcl")
     }
 
     /// A query in which each row has the descriptor of another point: all match, but no pose is consistent.
@@ -88,15 +88,17 @@ impl TestScene {
         let mut shuffled: Vec<usize> = (0..own.len()).collect();
         shuffled.shuffle(&mut ChaCha20Rng::seed_from_u64(5));
         let row = |i: usize| own.as_bytes()[128 * shuffled[i]..128 * (shuffled[i] + 1)].to_vec();
-        self.with_descriptors(row, own.len())
+        self.with_descriptors(row, own.len(), "dcl")
     }
 
-    fn with_descriptors(&self, row: impl Fn(usize) -> Vec<u8>, most: usize) -> Vec<u8> {
+    fn with_descriptors(&self, row: impl Fn(usize) -> Vec<u8>, most: usize, scheme: &str) -> Vec<u8> {
         let mut features = self.features(&truth());
         features.keypoints.truncate(most);
         let rows = (0..features.keypoints.len()).flat_map(row).collect();
         features.descriptors = Descriptors::new(DescriptorKind::ROOT_SIFT, rows).expect("whole rows");
-        seal_features(features, &self.camera, &self.profile, &mut ChaCha20Rng::seed_from_u64(4)).encode()
+        let options = SealOptions::new(scheme.parse().expect("a scheme")).expect("protected");
+        let mut rng = ChaCha20Rng::seed_from_u64(4);
+        seal(features, &self.camera, &self.profile, &options, &mut rng).expect("sealed").encode()
     }
 }
 

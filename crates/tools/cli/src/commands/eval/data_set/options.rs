@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use veiloc_datasets::MissingImages;
 use veiloc_evaluation::results::metrics::Threshold;
-use veiloc_protocol::Scheme;
+use veiloc_protocol::{DclLayout, Scheme};
 
 use super::adversaries::AttackArgs;
 use crate::commands::eval::html::HtmlArgs;
@@ -31,7 +31,7 @@ pub(in crate::commands::eval) struct DataSetArgs {
     /// thresholds for the data set.
     #[arg(long, value_delimiter = ',', value_name = "T/DEG,…")]
     thresholds: Vec<Threshold>,
-    /// Estimate poses as in the paper: msac, p6lp, equal match weights, and the paper's inlier threshold for the data
+    /// Estimate poses as in the paper: msac, p6lp, equal match weights, dcl with the paper's halves, and the paper's inlier threshold for the data
     /// set (4 pixels for 7Scenes, 18 for Cambridge, 8 for Aachen; lines divided by √2). Default: likelihood, as in the
     /// service.
     #[arg(long, conflicts_with_all = ["score", "solver", "max_error"])]
@@ -60,6 +60,15 @@ pub(in crate::commands::eval) struct DataSetArgs {
 }
 
 impl DataSetArgs {
+    /// The schemes; with the paper's settings `dcl` has the paper's layout.
+    pub(super) fn schemes(&self) -> Vec<Scheme> {
+        let of_paper = |scheme: &Scheme| match scheme {
+            _ if self.paper && *scheme == Scheme::default() => Scheme::Dcl(DclLayout::VERTICAL),
+            other => *other,
+        };
+        self.schemes.iter().map(of_paper).collect()
+    }
+
     /// How missing images are handled.
     pub(super) const fn missing(&self) -> MissingImages {
         if self.available_only { MissingImages::LeaveOut } else { MissingImages::Refuse }

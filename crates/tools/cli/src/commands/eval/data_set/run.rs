@@ -152,7 +152,7 @@ fn scene_evaluation(
         build: args.build()?,
         // All poses of a data set are in one frame; some of its places look alike.
         on_other_frame: OnOtherFrame::Accept,
-        schemes: args.schemes.clone(),
+        schemes: args.schemes(),
         scores: localize.pose.score.into_iter().collect(),
         thresholds: args.thresholds(data_set.thresholds),
         localize,
