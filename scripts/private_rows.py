@@ -335,7 +335,7 @@ def person_defences(places, args):
 
 # Adversaries that layouts are compared under.
 LAYOUT_ADVERSARIES = ["upright hole", "wide hole", "pose, iterative", "eight seals", "nearby images", "statistic", "sessions"]
-# Private regions: at least two an image, and so many a place.
+# Private regions: at least two an image, and this number a place.
 LEAST_SEEDS, REGIONS_OF_PLACE = 2, 16
 # A layout is admitted when no adversary has less than this share of its error under the paper's, or more of the rows under 30 px.
 LEAST_ERROR, MOST_SHARE = 0.9, 0.03
