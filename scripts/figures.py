@@ -344,7 +344,6 @@ NETWORKS = "files of XFeat and ALIKE in VEILOC_MODELS"
 
 script("$P scripts/places.py --veiloc $V --data $D --csv $O/places/places.csv --lost $O/places/lost.csv", "places/places.csv",
        "places/lost.csv")  # fmt: skip
-script("$P scripts/places.py --veiloc $V --data $D --csv $O/places/before.csv", "places/before.csv", by_hand=OLD)
 script("$P scripts/places.py --veiloc $V --data $D --places llff-room,fountain,entry,hololens-office --schemes points,dcl --features "
        "alike-t-compact --csv $O/places/alike.csv", "places/alike.csv", by_hand=NETWORKS)  # fmt: skip
 script("$P scripts/peers.py --veiloc $V --data $D --work $W/peers --times --csv $O/peers/peers.csv", "peers/peers.csv")

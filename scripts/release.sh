@@ -51,6 +51,10 @@ program() {
         cp "$CARGO_TARGET_DIR/release/veiloc" README.md CHANGELOG.md LICENSE-* "$work/$name"
         bindings/web/build.sh "$work/$name"
         strip "$work/$name/veiloc"
+        # The help of all commands, and which command made which table of docs/results.
+        python3 scripts/flags_page.py "$work/$name/veiloc"
+        mv docs/reference/flags.md "$work/$name"
+        { printf '# Where do the figures come from?\n\n'; python3 scripts/result_tables.py --print docs/results/figures.csv; } > "$work/$name/figures.md"
         tar -czf "$out/$name.tar.gz" -C "$work" --owner=0 --group=0 "$name"
     fi
     unpacked

@@ -3,12 +3,18 @@
 
     scripts/result_tables.py              # writes every table
     scripts/result_tables.py --check      # writes nothing; fails when a table is not what its CSV file says
+    scripts/result_tables.py --print FILE # prints all rows of one CSV file as Markdown
 
 A page names a table's file, relative to the page, and the script fills the lines between two comments:
 
     <!-- table: poses/solvers.csv -->
     <!-- end -->
 
+A page shows at most 12 rows. Of a larger file it selects rows by the values of columns, and columns by their names:
+
+    <!-- table: trust/stress.csv | where scene = RedKitchen; Herz-Jesu | where stress = none | columns scene; queries -->
+
+A link to the whole file follows such a table. `columns -a; b` leaves columns out.
 The first line of a CSV file is the header, with units; numbers are plain. A column is aligned to the right when all its
 cells are numbers or empty. A page has no table outside such comments, and a CSV file belongs to a page, which has its table or,
 where that would be long, a link to it: both are checked.
@@ -21,7 +27,8 @@ import sys
 from pathlib import Path
 
 RESULTS = Path(__file__).resolve().parent.parent / "docs/results"
-BEGIN = re.compile(r"<!-- table: (\S+) -->")
+BEGIN = re.compile(r"<!-- table: (\S+)((?: \| [^|]+)*) -->")
+MOST_ROWS = 12
 END = "<!-- end -->"
 LINK = re.compile(r"\]\((\S+\.csv)\)")
 NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
@@ -31,8 +38,37 @@ class WrongTable(Exception):
     """A page or a CSV file that is not as the head of this file says."""
 
 
-def table_lines(path: Path) -> list[str]:
-    """The Markdown lines of one CSV file."""
+def selected(rows: list[list[str]], selection: str) -> list[list[str]]:
+    """Header and rows that the clauses of a table's comment select."""
+    header = rows[0]
+
+    def index(name: str) -> int:
+        if name not in header:
+            raise WrongTable(f"no column {name!r}")
+        return header.index(name)
+
+    for clause in filter(None, selection.split(" | ")):
+        kind, _, what = clause.strip().partition(" ")
+        if kind == "where":
+            name, _, values = what.partition(" = ")
+            column, kept = index(name), values.split("; ")
+            missing = set(kept) - {row[column] for row in rows[1:]}
+            if missing:
+                raise WrongTable(f"no row has {name} = {', '.join(sorted(missing))}")
+            rows = [rows[0], *(row for row in rows[1:] if row[column] in kept)]
+        elif kind == "columns":
+            columns = [index(name) for name in what.removeprefix("-").split("; ")]
+            if what.startswith("-"):
+                columns = [column for column in range(len(header)) if column not in columns]
+            rows = [[row[column] for column in columns] for row in rows]
+            header = rows[0]
+        else:
+            raise WrongTable(f"unknown clause {clause!r}")
+    return rows
+
+
+def table_lines(path: Path, selection: str = "", limit: int | None = None) -> list[str]:
+    """The Markdown lines of the selected part of one CSV file."""
     if not path.is_file():
         raise WrongTable(f"no file {path.name}")
     with path.open(newline="", encoding="utf-8") as file:
@@ -47,12 +83,19 @@ def table_lines(path: Path) -> list[str]:
             raise WrongTable(f"{path.name}, row {number}: {len(row)} cells in place of {len(header)}")
         if any("|" in cell or "\n" in cell for cell in row):
             raise WrongTable(f"{path.name}, row {number}: a cell holds | or a line break")
+    whole = (len(rows) - 1, len(header))
+    rows = selected(rows, selection)
+    header = rows[0]
+    if limit and len(rows) - 1 > limit:
+        raise WrongTable(f"{path.name}: {len(rows) - 1} rows are shown, more than {limit}")
     aligned = []
     for column in range(len(header)):
         cells = [row[column] for row in rows[1:] if row[column]]
         aligned.append("--:" if cells and all(NUMBER.fullmatch(cell) for cell in cells) else "---")
     lines = ["| " + " | ".join(header) + " |", "|" + "|".join(aligned) + "|"]
     lines += ["| " + " | ".join(row) + " |" for row in rows[1:]]
+    if (len(rows) - 1, len(header)) != whole:
+        lines += ["", f"[All {whole[0]} rows, {whole[1]} columns]({path.parent.name}/{path.name})"]
     return lines
 
 
@@ -66,7 +109,7 @@ def filled(page: Path, used: set[Path]) -> str:
             raise WrongTable(f"line {number}: a table begins before the last one ends")
         if begin:
             path = page.parent / begin.group(1)
-            lines += [line, *table_lines(path)]
+            lines += [line, *table_lines(path, begin.group(2), MOST_ROWS)]
             used.add(path)
             inside = True
         elif line == END:
@@ -88,7 +131,12 @@ def filled(page: Path, used: set[Path]) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true", help="write nothing; fail when a page is not as its CSV files say")
-    check = parser.parse_args().check
+    parser.add_argument("--print", type=Path, metavar="FILE", help="print one CSV file as Markdown")
+    args = parser.parse_args()
+    if args.print:
+        print("\n".join(table_lines(args.print)))
+        return 0
+    check = args.check
     faults = []
     used: set[Path] = set()
     for page in sorted(RESULTS.glob("*.md")):

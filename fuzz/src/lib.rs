@@ -1,4 +1,4 @@
-//! Properties of the decoders for arbitrary bytes: an error, or a usable value that encodes to the same bytes.
+//! Internal: properties of the decoders for arbitrary bytes: an error, or a usable value that encodes to the same bytes.
 //!
 //! Each says whether the input was accepted. `fuzz/tests/seeds.rs` checks them on mutated inputs in every `cargo test`.
 

@@ -1,4 +1,4 @@
-//! `#[real_data_test]`: a test that needs the real images.
+//! Internal: `#[real_data_test]`, a test that needs the real images.
 //!
 //! Without `VEILOC_DATA` such a test is shown as ignored; with it, it runs, and a file that is missing from the
 //! folder is a failure. The variable is read when the tests are built (`build.rs`), because the test harness fixes

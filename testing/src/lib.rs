@@ -1,4 +1,6 @@
-//! Shared test helpers: a scene of random points ([`RandomScene`]), a map of rooms ([`rooms`]), a map with a
+//! Internal: shared test helpers.
+//!
+//! A scene of random points ([`RandomScene`]), a map of rooms ([`rooms`]), a map with a
 //! copy of a part of it ([`with_copy`]), hand-made EXIF
 //! ([`exif`]), and fixtures on disk ([`fixture`]).
 //!

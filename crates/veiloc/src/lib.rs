@@ -2,6 +2,7 @@
 //!
 //! One crate for device and server side; each is a cargo feature, so that an app for devices contains no server code,
 //! and vice versa.
+//! This is the crate whose interface is kept; the crates that it is made of are internal.
 //!
 //! | module | feature | what it does |
 //! |---|---|---|

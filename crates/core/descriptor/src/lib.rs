@@ -1,4 +1,4 @@
-//! Descriptors without positions: kinds, storage, distances, nearest neighbours, and global descriptors of images.
+//! Internal: descriptors without positions, from kinds and nearest neighbours to global descriptors of images.
 //!
 //! This crate has no positions of descriptors; both the device and the server use it.
 //!

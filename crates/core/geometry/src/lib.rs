@@ -1,4 +1,4 @@
-//! Frames, camera models, poses and 2D lines.
+//! Internal: frames, camera models, poses and 2D lines.
 //!
 //! The base of all other crates; it does no I/O, uses no random numbers, and also builds for wasm.
 //!

@@ -1,4 +1,4 @@
-//! Robust pose estimation: LO-RANSAC, samplers, and the confidence of the result.
+//! Internal: robust pose estimation: LO-RANSAC, samplers, and the confidence of the result.
 //!
 //! [`estimate_pose`] is the entry point. [`ransac`] holds the search loop, generic over the estimated model, with its
 //! samplers and scores.

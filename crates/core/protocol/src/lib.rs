@@ -1,4 +1,4 @@
-//! The sealed query, the device profile, the answer, and their wire formats.
+//! Internal: the sealed query, the device profile, the answer, and their wire formats.
 //!
 //! Both sides of the wire share this crate: the device writes sealed queries (`veiloc-obfuscation`), the server reads
 //! them (`veiloc-localization`). It holds codes and converts codes into lines; nothing in it converts a keypoint into a

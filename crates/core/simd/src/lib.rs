@@ -1,4 +1,4 @@
-//! The only crate with unsafe code: vectorized kernels and memory-mapped files, behind safe functions.
+//! Internal: vectorized kernels and memory-mapped files behind safe functions, with the only unsafe code of the libraries.
 //!
 //! - [`PackedRows`], [`best_two`], [`best_two_with_columns`]: exact brute-force nearest neighbours of byte vectors.
 //! - [`dot_u8`], [`dot_i8`]: one dot product.

@@ -1,4 +1,4 @@
-//! What an app with an AR framework needs beside sealing, without HTTP: the app sends the bytes itself.
+//! Internal: what an app with an AR framework needs beside sealing, without HTTP: the app sends the bytes itself.
 //!
 //! - [`seal_frame`], [`seal_frame_in`]: from a frame of the camera ([`CameraFrame`]) to a sealed query, alone or in a
 //!   session whose orientation is that of the AR framework.

@@ -1,4 +1,4 @@
-//! The client of a positioning service: seal an image, send the sealed query, get the pose.
+//! Internal: the client of a positioning service: seal an image, send the sealed query, get the pose.
 //!
 //! This is the library for app developers. It does not use the terminal; calls block, so run them on a separate thread.
 //! It never sends an image or a keypoint: a [`Client`] only accepts a [`SealedQuery`].

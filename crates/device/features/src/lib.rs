@@ -1,4 +1,4 @@
-//! From an image to keypoints and descriptors. Runs on the device, and during map building.
+//! Internal: from an image to keypoints and descriptors, on the device and during map building.
 //!
 //! - [`extract_image`]: the entry point from a file to features, for any [`Extractor`].
 //! - [`extract_loaded`]: the same for an image in memory.

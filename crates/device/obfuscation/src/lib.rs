@@ -1,4 +1,4 @@
-//! Obfuscation schemes and sealing: the only code that turns keypoints into lines.
+//! Internal: obfuscation schemes and sealing, the only code that turns keypoints into lines.
 //!
 //! No other crate sees both a keypoint's position and the line that is sent for it. It runs on the device. [`seal`] is
 //! the entry point; `docs/reference/privacy-rules.md` lists each privacy rule with its test.

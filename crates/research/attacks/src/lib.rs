@@ -1,4 +1,4 @@
-//! Attacks on obfuscated queries: keypoint recovery and its prior-only baselines.
+//! Internal: attacks on obfuscated queries: keypoint recovery and its prior-only baselines.
 //!
 //! An attacker holds what a device sent ([`Observation`], one per keypoint) and tries to recover the keypoints:
 //! - [`closed_form`]: the paper's geometry-recovery attack (Eq. 3, Proposition 1). It uses the observations of each

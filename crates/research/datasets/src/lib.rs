@@ -1,4 +1,4 @@
-//! Scenes of published data sets, in their original folders and lists.
+//! Internal: scenes of published data sets, in their original folders and lists.
 //!
 //! - [`seven_scenes`]: 7Scenes, with the poses of its depth camera or the SfM pseudo ground truth.
 //! - [`cambridge`]: Cambridge Landmarks.

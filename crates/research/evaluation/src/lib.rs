@@ -1,4 +1,4 @@
-//! Evaluation of localization: scenes with known poses, and negative queries.
+//! Internal: evaluation of localization: scenes with known poses, and negative queries.
 //!
 //! - [`evaluate_scene`]: the whole pipeline, from images to poses, on a scene with known poses (with
 //!   [`NegativeQueryImages`]: also on queries of another scene).

@@ -1,5 +1,6 @@
-//! Reports as self-contained HTML pages, and charts as SVG. This crate only presents results; it does not measure,
-//! attack or localize.
+//! Internal: reports as self-contained HTML pages, and charts as SVG.
+//!
+//! This crate only presents results; it does not measure, attack or localize.
 //!
 //! - [`localization_page`]: localized queries ([`LocalizationReport`]): tables, the scene in 3D, single queries.
 //! - [`demo_page`]: a query stage by stage, and what attackers recover ([`DemoReport`]).

@@ -1,4 +1,4 @@
-//! A service distributed over several machines: workers hold regions of a map, and gateways query them.
+//! Internal: a service distributed over several machines: workers hold regions of a map, and gateways query them.
 //!
 //! ```text
 //! device ── HTTP ── gateway ──┬── a worker with the index ── which regions?

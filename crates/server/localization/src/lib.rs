@@ -1,4 +1,4 @@
-//! Localization: from a sealed query and a map to a camera pose, the main task of the server.
+//! Internal: localization, from a sealed query and a map to a camera pose: the main task of the server.
 //!
 //! Three stages: [`retrieval`] selects map images that look like the query, [`matching`] matches the query's
 //! descriptors with the map points of those images, and the robust estimator of `veiloc-pose` estimates the pose from

@@ -1,4 +1,4 @@
-//! The map model, its file format, and posed images and COLMAP models as input and output.
+//! Internal: the map model, its file format, and posed images and COLMAP models as input and output.
 //!
 //! For tools that build maps, and for services that localize in them.
 //!

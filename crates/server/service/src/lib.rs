@@ -1,4 +1,4 @@
-//! The service: it accepts sealed queries over HTTP and returns poses, on an untrusted network.
+//! Internal: the service, which accepts sealed queries over HTTP and returns poses, on an untrusted network.
 //!
 //! - [`ServerOptions`]: which maps to serve, who may query them, and limits.
 //! - [`Server`]: bound to its addresses with all maps open; [`Server::run`] serves until it is stopped.

@@ -1,4 +1,4 @@
-//! The `veiloc` program as a library: parses a command line, calls the libraries, and prints the results.
+//! Internal: the `veiloc` program as a library: parses a command line, calls the libraries, and prints the results.
 //!
 //! [`run`] is the whole program; the binary and the Python package call it. Results go to stdout (`--json`, tables);
 //! messages and progress go to stderr. Exit codes: 0 success, 1 the input was refused or nothing was localized, 2 wrong

@@ -1,4 +1,4 @@
-//! Builds maps from posed images: pairs, matching, tracks, triangulation.
+//! Internal: builds maps from posed images: pairs, matching, tracks, triangulation.
 //!
 //! ```text
 //! images ── features ── pairs ── matches ── epipolar check ── tracks ── triangulation ── completion ── map

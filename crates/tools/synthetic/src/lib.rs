@@ -1,4 +1,4 @@
-//! Rendered scenes and geometric problems with ground truth.
+//! Internal: rendered scenes and geometric problems with ground truth.
 //!
 //! [`RenderedRoom`] is a furnished room that is generated and rendered from a seed: for a camera pose and intrinsics it
 //! returns an image with the true depth of every pixel. Nothing is read from disk, no texture repeats on another
