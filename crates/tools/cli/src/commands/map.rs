@@ -115,7 +115,7 @@ struct PosedArgs {
     #[arg(long, value_name = "PATH")]
     posed: Option<PathBuf>,
     /// Folder of the images. Without poses also a video: frames that moved by a few percent of the image, the sharpest of each
-    /// step, are taken by ffmpeg (of the PATH, or of the Python package imageio-ffmpeg).
+    /// step, are taken by ffmpeg (of the PATH, or of the Python package imageio-ffmpeg); it needs Python with NumPy.
     #[arg(long, value_name = "DIR|VIDEO")]
     images: PathBuf,
     /// Names of the images to use, one per line. Default: every image with a pose, or, without poses, every JPEG and PNG

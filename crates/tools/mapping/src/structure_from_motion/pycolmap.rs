@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use veiloc_features::Progress;
 
 use super::state::{Causes, Task, cause};
@@ -16,14 +16,6 @@ const SCRIPT: &str = include_str!("pycolmap.py");
 const SHOWN: usize = 2000;
 
 pub(super) fn run(python: &Path, task: &Task, progress: &dyn Progress) -> Result<Causes, MappingError> {
-    let failed = |what: String| MappingError::Sfm { reason: format!("{}: {what}", python.display()) };
-    let mut child = Command::new(python)
-        .args(["-c", SCRIPT])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .map_err(MappingError::io(python))?;
     let input = json!({
         "database": task.database(),
         "images": task.images,
@@ -33,9 +25,36 @@ pub(super) fn run(python: &Path, task: &Task, progress: &dyn Progress) -> Result
         "matching": if task.is_sequential { "sequential" } else { "exhaustive" },
         "seed": task.seed,
     });
-    if let Some(mut stdin) = child.stdin.take() {
-        stdin.write_all(input.to_string().as_bytes()).map_err(MappingError::io(python))?;
-    }
+    let mut causes = Causes::new();
+    run_script(python, SCRIPT, &input, progress, &mut |fields| {
+        let number = |key: &str| fields.get(key).and_then(Value::as_u64).map_or(0, |n| n as usize);
+        if let Some(name) = fields.get("unregistered").and_then(Value::as_str) {
+            causes.insert(name.to_owned(), cause(number("keypoints"), number("verified_pairs")));
+        }
+    })
+    .map_err(|reason| MappingError::Sfm {
+        reason: format!("{}: pycolmap failed {reason}", python.display()),
+    })?;
+    Ok(causes)
+}
+
+/// Runs a script that reads a document on stdin and prints an object a line: `{"stage": name, "total": n}` and `{"done": n}` are
+/// its progress, the others are passed to `each`. The error is the status and the end of its log.
+pub(super) fn run_script(
+    python: &Path,
+    script: &str,
+    input: &Value,
+    progress: &dyn Progress,
+    each: &mut dyn FnMut(Map<String, Value>),
+) -> Result<(), String> {
+    let broken = |error: std::io::Error| format!("{}: {error}", python.display());
+    let mut child = Command::new(python)
+        .args(["-c", script])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .map_err(broken)?;
     // Its log, which would fill the pipe if nothing read it.
     let log = child.stderr.take().map(|mut stderr| {
         std::thread::spawn(move || {
@@ -44,12 +63,14 @@ pub(super) fn run(python: &Path, task: &Task, progress: &dyn Progress) -> Result
             String::from_utf8_lossy(&log).into_owned()
         })
     });
-    let mut causes = Causes::new();
+    // A script that ends before it reads says why in its log.
+    let _ = child.stdin.take().map(|mut stdin| stdin.write_all(input.to_string().as_bytes()));
     let mut done = 0;
     for line in child.stdout.take().map(BufReader::new).into_iter().flat_map(BufRead::lines) {
-        let line = line.map_err(MappingError::io(python))?;
         // COLMAP itself prints lines, too.
-        let Ok(Value::Object(fields)) = serde_json::from_str::<Value>(&line) else { continue };
+        let Ok(Value::Object(fields)) = serde_json::from_str::<Value>(&line.map_err(broken)?) else {
+            continue;
+        };
         let number = |key: &str| fields.get(key).and_then(Value::as_u64).map(|n| n as usize);
         if let (Some(stage), Some(total)) = (fields.get("stage").and_then(Value::as_str), number("total")) {
             progress.start(stage, total);
@@ -57,18 +78,14 @@ pub(super) fn run(python: &Path, task: &Task, progress: &dyn Progress) -> Result
         } else if let Some(now) = number("done") {
             progress.advance(now.saturating_sub(done));
             done = done.max(now);
-        } else if let Some(name) = fields.get("unregistered").and_then(Value::as_str) {
-            let counts = (number("keypoints").unwrap_or(0), number("verified_pairs").unwrap_or(0));
-            causes.insert(name.to_owned(), cause(counts.0, counts.1));
+        } else {
+            each(fields);
         }
     }
     progress.finish();
-    let status = child.wait().map_err(MappingError::io(python))?;
+    let status = child.wait().map_err(broken)?;
     let log = log.and_then(|log| log.join().ok()).unwrap_or_default();
-    if !status.success() {
-        return Err(failed(format!("pycolmap failed ({status}): {}", tail(&log))));
-    }
-    Ok(causes)
+    if status.success() { Ok(()) } else { Err(format!("({status}): {}", tail(&log))) }
 }
 
 /// The end of a log.
