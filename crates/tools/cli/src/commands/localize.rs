@@ -20,7 +20,6 @@ use self::document::{
 };
 use self::from_images::ImageArgs;
 use self::pose_files::{PoseFileArgs, QueryPose};
-use crate::args::localization_args::{MatchArgs, PoseArgs};
 use crate::args::need::Need;
 use crate::exit::{Exit, Failure, Outcome};
 use crate::files;
@@ -58,10 +57,6 @@ pub(crate) struct Args {
     rig: Option<PathBuf>,
     #[command(flatten)]
     images: ImageArgs,
-    #[command(flatten)]
-    pose: PoseArgs,
-    #[command(flatten)]
-    matching: MatchArgs,
     /// Approximate camera position in map units, for example from GPS: a mean and a standard deviation along each axis.
     /// Default: no prior position.
     #[arg(long, value_name = "X,Y,Z,SD", allow_hyphen_values = true)]
@@ -92,7 +87,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
             "stdin has one sealed query; give it once",
         ));
     }
-    let mut options = args.matching.options(&args.pose);
+    let mut options = LocalizeOptions::default();
     options.position = args.near.map(|near| {
         let [x, y, z] = near.center();
         PositionPrior { center: Point3::new(x, y, z), sd: near.sd() }

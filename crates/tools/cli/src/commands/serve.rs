@@ -18,7 +18,7 @@ use veiloc_service::{
 #[cfg(feature = "cluster")]
 use veiloc_service::{RemoteMap, SharedRates};
 
-use crate::args::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
+use crate::args::localization_args::{not_negative, positive};
 #[cfg(feature = "cluster")]
 use crate::commands::cluster_args::ClusterArgs;
 use crate::commands::logger::{LogArgs, Logger};
@@ -189,10 +189,6 @@ pub(crate) struct Args {
     /// http://127.0.0.1:4318. Default: no traces are sent.
     #[arg(long, value_name = "URL")]
     otlp: Option<String>,
-    #[command(flatten)]
-    pose: PoseArgs,
-    #[command(flatten)]
-    matching: MatchArgs,
 }
 
 /// What a gateway is taken to accept of which nothing is known.
@@ -373,7 +369,6 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     options.timeouts.max_age = seconds(args.connection_max_age);
     options.watch = Some(seconds(args.watch));
     options.otlp.clone_from(&args.otlp);
-    options.localize = args.matching.options(&args.pose);
     if args.page {
         let page_config = PageConfig { points: args.page_points, views: Vec::new() };
         options.page = Some(Arc::new(page(args.page_folder.as_ref(), &page_config)?));

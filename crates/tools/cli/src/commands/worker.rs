@@ -13,7 +13,7 @@ use veiloc_service::ServerError;
 use veiloc_service::telemetry::{Traces, WorkerCounts};
 use veiloc_service::worker_api::{Signals, hide_panic_messages, probes};
 
-use crate::args::localization_args::{MatchArgs, PoseArgs, not_negative, positive};
+use crate::args::localization_args::{not_negative, positive};
 use crate::commands::cluster_args::{ClusterArgs, map_name};
 use crate::commands::logger::{LogArgs, Logger};
 use crate::commands::map_memory::Memory;
@@ -96,10 +96,6 @@ pub(crate) struct Args {
     /// sends traces: for example http://127.0.0.1:4318. Default: none.
     #[arg(long, value_name = "URL")]
     otlp: Option<String>,
-    #[command(flatten)]
-    pose: PoseArgs,
-    #[command(flatten)]
-    matching: MatchArgs,
 }
 
 /// Runs the worker with the merged settings of command line, environment and file.
@@ -210,7 +206,6 @@ fn options(args: &Args) -> WorkerOptions {
         options.threads = workers;
     }
     options.queue = args.queue;
-    options.localize = args.matching.options(&args.pose);
     options.memory = MapMemory::from(args.map_memory);
     options.watch = seconds(args.watch);
     options.grace = seconds(args.drain_after);

@@ -529,19 +529,14 @@ fn usage() {
             misused(option("--scheme cubes"), &["cubes", "random-lines"]),
             misused(option("--scheme dcl:angle=999"), &["999"]),
             misused(option("--scheme dcl:s=nan"), &["--scheme"]),
-            misused(localize("--score best"), &["best"]),
-            misused(localize("--seed -1"), &["-1"]),
-            misused(localize("--retrieve many"), &["many"]),
+            misused(localize("--score best"), &["--score"]),
+            misused(localize("--need far"), &["far"]),
             refused("map build --posed posed --images images -o bad/x.vmap --features orb", &["orb", "sift"]),
             misused("map build --posed posed --images images -o bad/x.vmap --max-keypoints 3", &["3"]),
         ],
     );
     // Options out of their range are refused, or give "not localized"; they never cause a panic.
     for more in [
-        "--retrieve 0",
-        "--ratio nan",
-        "--ratio -1",
-        "--ratio 7",
         "--max-error nan",
         "--max-error 0",
         "--max-error=-3",
@@ -550,7 +545,7 @@ fn usage() {
         "--noise 1e300",
         "--hypotheses 0",
     ] {
-        let run = scene.run(&localize(more));
+        let run = scene.run(&format!("eval pose bad/good.jsonl {more}"));
         assert!(matches!(run.code, Some(0..=2)), "{more}: {run}");
     }
 }

@@ -69,16 +69,6 @@ const VALUES: &[(&str, &str, &str)] = &[
     ("log", "\"debug\"", "debug"),
     ("log-json", "true", "1"),
     ("otlp", "\"http://127.0.0.1:4318\"", "http://127.0.0.1:4318"),
-    ("score", "\"msac\"", "msac"),
-    ("solver", "\"p6lp\"", "p6lp"),
-    ("max-error", "5.5", "5.5"),
-    ("noise", "2.5", "2.5"),
-    ("fixed-noise", "true", "1"),
-    ("hypotheses", "\"500\"", "500"),
-    ("no-prior", "true", "1"),
-    ("seed", "19", "19"),
-    ("retrieve", "20", "20"),
-    ("ratio", "0.75", "0.75"),
 ];
 
 fn merge(line: &[OsString], variables: &BTreeMap<String, String>) -> Settings {
