@@ -13,7 +13,7 @@ use veiloc::audit::{
     Attack, AttackDocument, AttackEvaluation, ImageGroup, attack_groups, attacks_table, keypoints_of_images,
 };
 use veiloc::device::Sift;
-use veiloc::query::ExtractionLimits;
+use veiloc::protocol::ExtractionLimits;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let images = std::env::args_os().skip(1).map(PathBuf::from).collect();

@@ -70,4 +70,4 @@ pub mod server;
 /// Frames, cameras, poses, lines: types that device and server side share.
 pub use veiloc_geometry as geometry;
 /// The sealed query, the profile and the answer: the messages between device and server.
-pub use veiloc_protocol as query;
+pub use veiloc_protocol as protocol;

@@ -155,13 +155,6 @@ pub enum AttackError {
     Features(#[from] veiloc_features::FeatureError),
 }
 
-impl AttackError {
-    /// An integer option outside its allowed range.
-    pub fn invalid_option(name: &'static str, value: usize, allowed: &'static str) -> Self {
-        Self::Option { name, value: value as f64, allowed }
-    }
-}
-
 /// Compares the facts of two errors; messages of the operating system cannot be compared.
 impl PartialEq for AttackError {
     fn eq(&self, other: &Self) -> bool {

@@ -54,11 +54,6 @@ impl RenderedRoom {
         scene
     }
 
-    /// Number of flat surfaces.
-    pub const fn surface_count(&self) -> usize {
-        self.quads.len()
-    }
-
     /// Lower and upper corner of the room, metres.
     pub fn bounds(&self) -> [[f64; 3]; 2] {
         let [x, y] = HALF.map(f64::from);

@@ -99,13 +99,6 @@ impl SessionOptions {
         self
     }
 
-    /// These options with another limit for the correction of orientations, degrees.
-    #[must_use]
-    pub const fn with_max_correction_deg(mut self, most: f64) -> Self {
-        self.max_correction_deg = most;
-        self
-    }
-
     /// These options with another cell width, radians; 0 for no grid.
     #[must_use]
     pub const fn with_step(mut self, step: f64) -> Self {

@@ -1,4 +1,4 @@
-//! Content negotiation: the `Accept` header (RFC 9110, 12.5.1).
+//! The format of an answer, from the `Accept` header.
 
 use axum::http::HeaderMap;
 use axum::http::header::ACCEPT;
@@ -11,9 +11,6 @@ pub(super) enum AnswerFormat {
 }
 
 impl AnswerFormat {
-    /// All formats; the first is the default.
-    const ALL: [Self; 2] = [Self::Json, Self::Protobuf];
-
     pub(super) const fn content_type(self) -> &'static str {
         match self {
             Self::Json => "application/json",
@@ -21,85 +18,17 @@ impl AnswerFormat {
         }
     }
 
-    /// The format that the client prefers: the greatest weight, then the most specific range, then the first in the
-    /// header, then our order.
-    ///
-    /// A client that accepts none of our formats gets JSON, which RFC 9110 allows.
+    /// Protobuf if the client names it with a weight above 0, otherwise JSON.
     pub(super) fn negotiate(headers: &HeaderMap) -> Self {
-        let ranges = ranges(headers);
-        let mut best: Option<(Preference, Self)> = None;
-        for format in Self::ALL {
-            let Some(preference) =
-                preference(&ranges, format).filter(|preference| preference.thousandths > 0)
-            else {
-                continue;
-            };
-            if best.is_none_or(|(other, _)| preference.is_stronger_than(other)) {
-                best = Some((preference, format));
-            }
-        }
-        best.map_or(Self::Json, |(_, format)| format)
-    }
-}
-
-/// A media range and its weight.
-struct Range {
-    name: String,
-    thousandths: u32,
-}
-
-/// Preference of the client for a format.
-#[derive(Debug, Clone, Copy)]
-struct Preference {
-    thousandths: u32,
-    specificity: u8,
-    index: usize,
-}
-
-impl Preference {
-    fn is_stronger_than(self, other: Self) -> bool {
-        let key = |preference: Self| {
-            (preference.thousandths, preference.specificity, std::cmp::Reverse(preference.index))
+        let is_protobuf = |range: &str| {
+            let (name, parameters) = range.split_once(';').unwrap_or((range, ""));
+            let weight = parameters.split(';').find_map(|part| part.trim().strip_prefix("q="));
+            name.trim().eq_ignore_ascii_case(Self::Protobuf.content_type())
+                && weight.is_none_or(|weight| weight.trim().parse::<f32>().is_ok_and(|q| q > 0.0))
         };
-        key(self) > key(other)
+        let values = headers.get_all(ACCEPT).into_iter().filter_map(|value| value.to_str().ok());
+        if values.flat_map(|value| value.split(',')).any(is_protobuf) { Self::Protobuf } else { Self::Json }
     }
-}
-
-fn ranges(headers: &HeaderMap) -> Vec<Range> {
-    let values = headers.get_all(ACCEPT).into_iter();
-    values.flat_map(|value| value.to_str().unwrap_or_default().split(',')).map(range).collect()
-}
-
-fn range(text: &str) -> Range {
-    let mut parts = text.split(';').map(str::trim);
-    let name = parts.next().unwrap_or_default().to_ascii_lowercase();
-    let mut parameters = parts.filter_map(|part| part.split_once('='));
-    // Our media types have no parameters; parameters of the client are ignored.
-    let weight = parameters.find(|(key, _)| key.trim().eq_ignore_ascii_case("q"));
-    Range { name, thousandths: weight.map_or(1000, |(_, value)| thousandths(value.trim())) }
-}
-
-/// The most specific matching range, the first of equals; `None` if no range matches.
-fn preference(ranges: &[Range], format: AnswerFormat) -> Option<Preference> {
-    let specificity = |range: &Range| match range.name.as_str() {
-        "*/*" => Some(0),
-        "application/*" => Some(1),
-        other if other == format.content_type() => Some(2),
-        _ => None,
-    };
-    let mut best: Option<Preference> = None;
-    for (index, range) in ranges.iter().enumerate() {
-        let Some(specificity) = specificity(range) else { continue };
-        if best.is_none_or(|preference| specificity > preference.specificity) {
-            best = Some(Preference { thousandths: range.thousandths, specificity, index });
-        }
-    }
-    best
-}
-
-/// A weight between 0 and 1, in thousandths; an invalid weight counts as 0.
-fn thousandths(text: &str) -> u32 {
-    text.parse::<f32>().ok().filter(|q| (0.0..=1.0).contains(q)).map_or(0, |q| (q * 1000.0).round() as u32)
 }
 
 #[cfg(test)]
@@ -107,40 +36,27 @@ mod tests {
     use super::*;
 
     #[test]
-    fn preferred_available_format_is_chosen() {
-        // Header, chosen format.
-        for (accept, given) in [
-            ("", AnswerFormat::Json),
-            ("*/*", AnswerFormat::Json),
-            ("application/*", AnswerFormat::Json),
-            ("text/html", AnswerFormat::Json),
-            ("text/html, */*;q=0.1", AnswerFormat::Json),
-            ("application/x-protobuf", AnswerFormat::Protobuf),
-            ("Application/X-Protobuf", AnswerFormat::Protobuf),
-            ("application/x-protobuf; charset=\"x\"", AnswerFormat::Protobuf),
-            ("application/json, application/x-protobuf", AnswerFormat::Json),
-            ("application/x-protobuf, application/json", AnswerFormat::Protobuf),
-            ("application/json;q=0.5, application/x-protobuf;q=0.9", AnswerFormat::Protobuf),
-            ("text/html, application/x-protobuf;q=0.1", AnswerFormat::Protobuf),
-            ("*/*, application/x-protobuf", AnswerFormat::Protobuf),
-            ("*/*, application/x-protobuf;q=0.9", AnswerFormat::Json),
-            ("*/*, application/json;q=0.1", AnswerFormat::Protobuf),
-            ("application/x-protobuf;q=0", AnswerFormat::Json),
-            ("application/x-protobuf;q=NaN", AnswerFormat::Json),
-            ("application/x-protobuf;q=-3", AnswerFormat::Json),
-            (";;=,q=,;charset", AnswerFormat::Json),
+    fn protobuf_is_sent_to_clients_that_name_it() {
+        let chosen = |accept: &[&str]| {
+            let mut headers = HeaderMap::new();
+            for value in accept {
+                headers.append(ACCEPT, value.parse().expect("a header"));
+            }
+            AnswerFormat::negotiate(&headers)
+        };
+        for accept in
+            ["", "*/*", "text/html", "application/x-protobuf;q=0", "application/x-protobuf;q=NaN", ";;=,q=,;"]
+        {
+            assert_eq!(chosen(&[accept]), AnswerFormat::Json, "{accept:?}");
+        }
+        for accept in [
+            "application/x-protobuf",
+            "Application/X-Protobuf; charset=\"x\"",
+            "*/*, application/x-protobuf; q=0.9",
         ] {
-            let headers: HeaderMap = [(ACCEPT, accept.parse().expect("a header"))].into_iter().collect();
-            assert_eq!(AnswerFormat::negotiate(&headers), given, "{accept:?}");
+            assert_eq!(chosen(&[accept]), AnswerFormat::Protobuf, "{accept:?}");
         }
-        assert_eq!(AnswerFormat::negotiate(&HeaderMap::new()), AnswerFormat::Json);
-        // Repeated headers count as one.
-        let both =
-            ["text/html", "application/x-protobuf;q=0.3"].map(|v| (ACCEPT, v.parse().expect("a header")));
-        let mut headers = HeaderMap::new();
-        for (name, value) in both {
-            headers.append(name, value);
-        }
-        assert_eq!(AnswerFormat::negotiate(&headers), AnswerFormat::Protobuf);
+        assert_eq!(chosen(&[]), AnswerFormat::Json);
+        assert_eq!(chosen(&["text/html", "application/x-protobuf"]), AnswerFormat::Protobuf);
     }
 }

@@ -5,7 +5,7 @@ use veiloc::audit::{
     attacks_table,
 };
 use veiloc::geometry::Pixel;
-use veiloc::query::Scheme;
+use veiloc::protocol::Scheme;
 
 /// Projects the mean of the neighbours' prior-only positions on the keypoint's own line; it needs neighbour lists.
 const NEIGHBOUR_MEAN: Attack = Attack {

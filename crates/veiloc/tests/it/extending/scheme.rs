@@ -7,7 +7,7 @@ use std::f64::consts::FRAC_PI_2;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc::geometry::{Pixel, PixelLine};
-use veiloc::query::Observations;
+use veiloc::protocol::Observations;
 use veiloc_attacks::{
     ClosedFormOptions, ErrorSummary, NeighbourLists, Observation, closed_form, errors_px, prior_only,
 };
