@@ -7,8 +7,10 @@ use veiloc_ar::Situation;
 use crate::answer::Answer;
 use crate::query::Query;
 
+pub use veiloc_ar::Advice;
+
 /// What the user should do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, uniffi::Enum)]
+#[uniffi::remote(Enum)]
 pub enum Advice {
     /// The frame is too dark.
     TooDark,
@@ -50,33 +52,11 @@ pub fn advice(
         answer: answer.as_ref().map(|answer| &answer.answer),
         misses,
     };
-    match veiloc_ar::Advice::of(&situation) {
-        veiloc_ar::Advice::TooDark => Advice::TooDark,
-        veiloc_ar::Advice::MoveSlower => Advice::MoveSlower,
-        veiloc_ar::Advice::ShowMoreDetail => Advice::ShowMoreDetail,
-        veiloc_ar::Advice::ShowBothSides => Advice::ShowBothSides,
-        veiloc_ar::Advice::NotInThisPlace => Advice::NotInThisPlace,
-        veiloc_ar::Advice::TurnToMappedPlace => Advice::TurnToMappedPlace,
-        veiloc_ar::Advice::ShowSurroundings => Advice::ShowSurroundings,
-        veiloc_ar::Advice::MoveCloser => Advice::MoveCloser,
-        veiloc_ar::Advice::Ready => Advice::Ready,
-    }
+    Advice::of(&situation)
 }
 
 /// A sentence for the user, in English.
 #[uniffi::export]
 pub fn advice_text(advice: Advice) -> String {
-    match advice {
-        Advice::TooDark => veiloc_ar::Advice::TooDark,
-        Advice::MoveSlower => veiloc_ar::Advice::MoveSlower,
-        Advice::ShowMoreDetail => veiloc_ar::Advice::ShowMoreDetail,
-        Advice::ShowBothSides => veiloc_ar::Advice::ShowBothSides,
-        Advice::NotInThisPlace => veiloc_ar::Advice::NotInThisPlace,
-        Advice::TurnToMappedPlace => veiloc_ar::Advice::TurnToMappedPlace,
-        Advice::ShowSurroundings => veiloc_ar::Advice::ShowSurroundings,
-        Advice::MoveCloser => veiloc_ar::Advice::MoveCloser,
-        Advice::Ready => veiloc_ar::Advice::Ready,
-    }
-    .text()
-    .to_owned()
+    advice.text().to_owned()
 }

@@ -11,7 +11,6 @@ mod openapi;
 mod page;
 mod record;
 mod request_options;
-mod rig;
 mod status;
 mod versions;
 
@@ -41,7 +40,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
     page.route("/v1/maps", get(maps::list))
         .route("/v1/maps/{name}/profile", get(maps::profile))
         .route("/v1/maps/{name}/localize", post(localize::localize))
-        .route("/v1/maps/{name}/localize-rig", post(rig::localize_rig))
+        .route("/v1/maps/{name}/localize-rig", post(localize::localize_rig))
         .route("/geopose", post(geopose::geopose))
         .route("/v1/openapi.json", get(openapi::openapi))
         .route("/healthz", get(status::health))

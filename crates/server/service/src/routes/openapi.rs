@@ -10,7 +10,7 @@ use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityScheme};
 use utoipa::{Modify, OpenApi};
 
 use self::answers::Answers;
-use super::{geopose, localize, maps, rig, status};
+use super::{geopose, localize, maps, status};
 use crate::problem::ProblemDocument;
 
 /// This document.
@@ -35,7 +35,7 @@ pub fn openapi_json() -> String {
     ),
     paths(
         localize::localize,
-        rig::localize_rig,
+        localize::localize_rig,
         geopose::geopose,
         maps::list,
         maps::profile,
