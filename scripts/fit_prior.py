@@ -15,7 +15,10 @@ import json
 
 import numpy as np
 
-from poses import rotation
+import sys
+from pathlib import Path
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "research/study"))
+from geometry import rotation
 
 RIGHT_WITHIN_PX = 4.0
 

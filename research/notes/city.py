@@ -26,7 +26,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "scripts"))
+sys.path.insert(0, str(ROOT / "research/study"))
 
 from log_plot import LogPlot, page  # noqa: E402
 from places import write_csv  # noqa: E402

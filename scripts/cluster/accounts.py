@@ -26,7 +26,8 @@ import sys
 import threading
 import time
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / "research/study/cluster")]
 
 from machines import Cluster, Part, Rendered, arguments, ask, connects, counter, free_port, wait_for  # noqa: E402
 from common import PROTOBUF, ROOT, token  # noqa: E402

@@ -24,7 +24,7 @@ import tomllib
 
 import yaml
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "service"))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "research/study/service"))
 
 from common import ROOT, target_dir  # noqa: E402
 

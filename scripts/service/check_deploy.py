@@ -24,7 +24,9 @@ import tomllib
 
 import yaml
 
-import common
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "research/study/service"))
+
+import common  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 DEPLOY = ROOT / "deploy"

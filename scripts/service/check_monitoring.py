@@ -27,7 +27,8 @@ import urllib.error
 import urllib.parse
 import urllib.request
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "cluster"))
+STUDY = pathlib.Path(__file__).resolve().parents[2] / "research/study"
+sys.path[:0] = [str(STUDY / "cluster"), str(STUDY / "service")]
 
 from common import LOCALIZE, ROOT, RenderedScene, Server, arguments, ask, free_port, wait_for  # noqa: E402
 from machines import Cluster  # noqa: E402

@@ -26,6 +26,8 @@ import sys
 import tempfile
 import time
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "research/study/service"))
+
 from common import LOCALIZE, PROTOBUF, RenderedScene, Server, arguments, ask, in_threads, token
 
 NEEDED = ["openapi-spec-validator", "jsonschema"]
