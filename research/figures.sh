@@ -10,8 +10,8 @@ cd "$(dirname "$0")/.."
 venv=target/figures/venv
 if [ ! -e "$venv/ready" ]; then
     python3 -m venv "$venv"
-    "$venv/bin/pip" install --quiet --disable-pip-version-check $(python3 research/study/figures.py --packages)
+    "$venv/bin/pip" install --quiet --disable-pip-version-check $(python3 research/study figures --packages)
     touch "$venv/ready"
 fi
 cargo build --release --locked --package veiloc-cli --features full
-exec "$venv/bin/python" research/study/figures.py "$@"
+exec "$venv/bin/python" research/study figures "$@"

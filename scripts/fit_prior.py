@@ -17,8 +17,8 @@ import numpy as np
 
 import sys
 from pathlib import Path
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "research/study"))
-from geometry import rotation
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "research"))
+from study.geometry import rotation
 
 RIGHT_WITHIN_PX = 4.0
 

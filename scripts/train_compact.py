@@ -34,8 +34,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import sys
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "research/study"))
-from places import write_csv
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "research"))
+from study.common import write_csv
 
 SHIFT = {"sift": 18, "learned": 16}  # learned descriptors vary less, so their weights are larger
 LEVELS = 16

@@ -8,12 +8,13 @@
 
 `write` writes crates/device/features/tests/data/learned: `oracle.json` (sample values of layers, keypoints and descriptors of one
 synthetic image) and networks with weights from a formula. `compare` prints the largest difference of each whole layer (for timings see
-`bench_extraction.py`). Networks that are published as weights only are compared when they are exported (`export_onnx.py`).
+`study features network-speed`). Networks that are published as weights only are compared when they are exported (`export_onnx.py`).
 """
 
 import argparse
 import json
 import subprocess
+import sys
 import tempfile
 from collections import OrderedDict
 from pathlib import Path
@@ -24,9 +25,9 @@ import onnxruntime
 import torch
 import torch.nn.functional as F
 
-import sys
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "study"))
-from timing import one_thread
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from study.common import one_thread  # noqa: E402
 
 DATA = Path(__file__).resolve().parents[2] / "crates/device/features/tests/data/learned"
 MARGIN = 32
@@ -234,6 +235,22 @@ def compare(args: argparse.Namespace) -> None:
             print(f"| {name} | {layer} | {own.size} | {np.abs(theirs).max():.3g} | {off:.1e} |")
 
 
+def write_global(weights: Path) -> None:
+    """Reference values of `xfeat-netvlad`. The image of 640 x 480 pixels is centred in XFeat's input, with reflected padding above and
+    below."""
+    open_ = lambda name: onnxruntime.InferenceSession(str(weights / name))
+    image = drawn(640, 480)
+    whole = np.pad((image - image.mean(dtype=float)) / np.sqrt(image.var(dtype=float) + 1e-5), ((80, 80), (0, 0)), "symmetric")
+    features = open_("xfeat/xfeat_640x640.onnx").run(["output_feats"], {"input": whole[None, None].astype(np.float32)})[0]
+    given = {"input": np.ascontiguousarray(features[:, 10:70].transpose(0, 3, 1, 2)), "input.1": np.repeat(image[None, None], 3, 1)}
+    joined = open_("xfeat-netvlad/xfeat_nv.onnx").run(None, given)[0]
+    vector = open_("xfeat-netvlad/netvlad.onnx").run(None, {"input": joined})[0][0].astype(float)
+    vector /= np.linalg.norm(vector)
+    at = np.sort(np.random.default_rng(1).choice(vector.size, 64, replace=False))
+    document = {"largest": float(np.abs(vector).max()), "at": at.tolist(), "values": [float(f"{v:.7g}") for v in vector[at]]}
+    (DATA / "xfeat-netvlad.json").write_text(json.dumps(document) + "\n")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     jobs = parser.add_subparsers(dest="job", required=True)
@@ -243,7 +260,10 @@ def main() -> None:
         if name == "compare":
             job.add_argument("--layers", type=Path, required=True, help="the example `layers` of veiloc-features")
     args = parser.parse_args()
-    write(args.weights) if args.job == "write" else compare(args)
+    if args.job == "compare":
+        return compare(args)
+    write(args.weights)
+    write_global(args.weights)
 
 
 if __name__ == "__main__":

@@ -1,36 +1,29 @@
 #!/usr/bin/env python3
-"""Writes posed images in the formats of other programs, to test the readers of `--posed`, and measures maps of each.
+"""Writes posed images in the formats of other programs, to test the readers of `--posed`.
 
     python -m venv venv && venv/bin/pip install numpy
-    venv/bin/python research/oracles/pose_formats.py fixtures              writes crates/tools/mapping/tests/data/importers/poses
-    venv/bin/python research/oracles/pose_formats.py write MODEL DIR       writes every format of a COLMAP text model with one camera
-                                                                  without distortion (data/redkitchen/posed) to DIR/FORMAT
-    venv/bin/python research/oracles/pose_formats.py maps VEILOC PLACE WORK OUT.csv
-                                                                  a map of each format of the place's map images, and its hold-outs
-
-`maps` uses the programs that are installed: with `colmap` on the PATH the Bundler and VisualSFM files are COLMAP's, with evo in its Python
-(`pip install evo`) the trajectory of TUM is evo's; the others are written here. The column "round trip" is the largest difference of a
-rotation matrix or a centre between the given model and `map export --colmap` of the map, over the scale of the scene (RMS
-distance of the centres).
+    venv/bin/python research/oracles/pose_formats.py fixtures     writes crates/tools/mapping/tests/data/importers/poses
+    venv/bin/python research/oracles/pose_formats.py write MODEL DIR
+                                                 writes every format of a COLMAP text model with one camera without distortion
+                                                 (data/redkitchen/posed) to DIR/FORMAT
 
 Each writer follows the documentation of its program, which the reader of the format names (crates/tools/mapping/src/importers/
 poses). `fixtures` writes four images of a camera with all parameters that a format can hold, and beside them the COLMAP model that
-a reader must return, to 1e-9.
+a reader must return, to 1e-9. `study mapping formats` measures maps of each format.
 """
 
-import importlib.util
+from __future__ import annotations
+
 import json
-import shutil
-import subprocess
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "study"))
-from geometry import center, quaternion
-from geometry import rotation as of_quaternion
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from study.geometry import quaternion, read_posed  # noqa: E402
 
 DATA = Path(__file__).resolve().parents[2] / "crates/tools/mapping/tests/data/importers/poses"
 FLIP = np.diag([1.0, -1.0, -1.0])
@@ -400,118 +393,12 @@ def fixture(form):
 
 
 def read_model(folder):
-    line = next(l for l in (folder / "cameras.txt").read_text().splitlines() if l and l[0] != "#").split()
-    f, *rest = map(float, line[4:])
-    if line[1] == "SIMPLE_PINHOLE":
-        camera = Camera(int(line[2]), int(line[3]), f, f, *rest)
-    elif line[1] == "PINHOLE":
-        camera = Camera(int(line[2]), int(line[3]), f, *rest)
-    else:
-        sys.exit(f"{line[1]} has distortion")
-    lines = [l for l in (folder / "images.txt").read_text().splitlines() if not l.startswith("#")]
-    images = []
-    for words in map(str.split, lines[::2]):
-        if len(words) == 10:
-            numbers = list(map(float, words[1:8]))
-            images.append(Image(words[9], of_quaternion(numbers[:4]), np.array(numbers[4:])))
-    return Scene(camera, images)
-
-
-def by_colmap(folder, scene, form):
-    """`colmap model_converter` of the program COLMAP. It writes images without points, too."""
-    model = folder / "model"
-    write_colmap(model, scene)
-    # It exports no model with more distortion; the scenes of `write` and `maps` have none.
-    c = scene.camera
-    save(model / "cameras.txt", f"1 SIMPLE_PINHOLE {c.w} {c.h} {row([c.fx, c.cx, c.cy])}\n")
-    (model / "points3D.txt").write_text("")
-    kind, out = ("NVM", folder / "place.nvm") if form is nvm else ("Bundler", folder / "bundle")
-    command = ["colmap", "model_converter", "--input_path", model, "--output_path", out, "--output_type", kind]
-    subprocess.run(list(map(str, command)), check=True, capture_output=True)
-    for file in model.iterdir():
-        file.unlink()
-    model.rmdir()
-
-
-def by_evo(folder, scene):
-    from evo.core.trajectory import PoseTrajectory3D
-    from evo.tools import file_interface
-
-    tum(folder, scene)
-    times = [float(line.split()[0]) for line in (folder / "rgb.txt").read_text().splitlines()[1:-1]]
-    poses = [im.c2w() for im in scene.images]
-    trajectory = PoseTrajectory3D(poses_se3=poses, timestamps=np.array(times))
-    file_interface.write_tum_trajectory_file(folder / "groundtruth.txt", trajectory)
-
-
-def written(folder, scene, form):
-    """Writes a format, by its own program if that is installed; the name of the program."""
-    if form in (nvm, bundler) and shutil.which("colmap"):
-        by_colmap(folder, scene, form)
-        return "colmap"
-    if form is tum and importlib.util.find_spec("evo"):
-        by_evo(folder, scene)
-        return "evo"
-    form(folder, scene)
-    return "pose_formats.py"
-
-
-def maps(veiloc, place, work, out):
-    from images_alone import errors, given_poses, run, summary, write_rows
-
-    place, work = Path(place), Path(work)
-    names, held_out = ((place / file).read_text().split() for file in ("map.txt", "query.txt"))
-    truth = given_poses(place / "posed")
-    same = (1.0, np.eye(3), np.zeros(3))
-    rows = []
-    for form in [write_colmap, *FORMATS]:
-        scene = read_model(place / "posed")
-        scene.images = [im for im in scene.images if im.name in names]
-        # Formats without names need images whose names are numbers; they are copies of the same images.
-        renamed = {im.name: NUMBERED.get(form, "{}").format(i) if form in NUMBERED else im.name for i, im in enumerate(scene.images)}
-        kind = "colmap" if form is write_colmap else form.__name__
-        folder, images = work / kind, place / "images"
-        shutil.rmtree(folder, ignore_errors=True)
-        if form in NUMBERED:
-            # KITTI's folders say which camera took the images.
-            images = work / f"{kind}-images" / ("image_2" if form is kitti else "images")
-            images.mkdir(parents=True, exist_ok=True)
-            for im in scene.images:
-                shutil.copy(place / "images" / im.name, images / Path(renamed[im.name]).with_suffix(Path(im.name).suffix))
-            for im in scene.images:
-                im.name = renamed[im.name]
-        by = "pose_formats.py" if form is write_colmap else written(folder, scene, form)
-        if form is write_colmap:
-            write_colmap(folder, scene)
-        (work / "map.vmap").unlink(missing_ok=True)
-        # Features and matches are those of the same images; the self-test would take most of the time.
-        build = [veiloc, "map", "build", "--posed", folder, "--images", images, "--work", work / "work", "--no-self-test"]
-        run([*build, "-o", work / "map.vmap"])
-        run([veiloc, "map", "export", work / "map.vmap", "--colmap", work / "export", "--text"])
-        given = {str(Path(im.name).with_suffix("")): (im.r, im.center) for im in scene.images}
-        found = {str(Path(name).with_suffix("")): pose for name, (_, *pose) in given_poses(work / "export").items()}
-        centers = np.array([c for _, c in given.values()])
-        scale = np.sqrt(((centers - centers.mean(0)) ** 2).sum(1).mean())
-        apart = max(
-            max(np.abs(found[name][0] - r).max(), np.abs(center(*found[name]) - c).max() / scale)
-            for name, (r, c) in given.items()
-            if name in found
-        )
-        queries = work / "queries.txt"
-        queries.write_text("".join(f"{name} {truth[name][0]}\n" for name in held_out))
-        found_queries = errors(veiloc, work / "map.vmap", queries, place / "images", truth, same)
-        rows.append(
-            {
-                "format": kind,
-                "written by": by,
-                "images": len(names),
-                "in the map": len(found),
-                "round trip": f"{apart:.1e}",
-                **summary(found_queries),
-            }
-        )
-        print(rows[-1], file=sys.stderr)
-        write_rows(out, rows)
+    known = read_posed(folder)
+    model, w, h, f, *rest = next(iter(known.values())).camera.split()
+    if model not in ("SIMPLE_PINHOLE", "PINHOLE"):
+        sys.exit(f"{model} has distortion")
+    rest = list(map(float, rest if model == "PINHOLE" else [f, *rest]))
+    return Scene(Camera(int(w), int(h), float(f), *rest), [Image(name, posed.r, posed.t) for name, posed in known.items()])
 
 
 def main():
@@ -526,8 +413,6 @@ def main():
             for form in FORMATS:
                 if form not in NUMBERED:
                     form(Path(folder) / form.__name__, scene)
-        case ["maps", veiloc, place, work, out]:
-            maps(veiloc, place, work, out)
         case _:
             sys.exit(__doc__)
 

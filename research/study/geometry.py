@@ -1,6 +1,12 @@
-"""Poses in NumPy, for the scripts that judge them: rotations, centres and similarities. Quaternions are Hamilton's, w x y z."""
+"""Poses in NumPy: rotations, centres, similarities, COLMAP's text files. Quaternions are Hamilton's, w x y z."""
 
-import numpy as np
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from study.common import Package
+
+np = Package("numpy")
 
 
 def rotation(q):
@@ -30,6 +36,48 @@ def quaternion(r):
 def center(r, t):
     """Camera centre of a pose, world to camera."""
     return -r.T @ t
+
+
+@dataclass
+class Posed:
+    """A camera (COLMAP's model, width, height and parameters) and its pose, world to camera."""
+
+    camera: str
+    r: np.ndarray
+    t: np.ndarray
+
+    @property
+    def center(self):
+        return center(self.r, self.t)
+
+
+def read_posed(folder):
+    """The cameras of the images of a COLMAP text model, by name."""
+    content = lambda file: [line for line in (folder / file).read_text().splitlines() if not line.startswith("#")]
+    cameras = dict(line.split(maxsplit=1) for line in content("cameras.txt") if line.strip())
+    found = {}
+    for words in (line.split(maxsplit=9) for line in content("images.txt")[::2]):
+        if len(words) == 10:
+            numbers = list(map(float, words[1:8]))
+            found[words[9].strip()] = Posed(cameras[words[8]].strip(), rotation(numbers[:4]), np.array(numbers[4:]))
+    return found
+
+
+def write_posed(folder, images, ids=None):
+    """A COLMAP text model without points, of {name: Posed}; images are numbered from 1, or have these ids."""
+    folder.mkdir(parents=True, exist_ok=True)
+    cameras, lines = {}, []
+    for i, (name, posed) in zip(ids or range(1, len(images) + 1), images.items()):
+        camera = cameras.setdefault(posed.camera, len(cameras) + 1)
+        numbers = " ".join(repr(float(x)) for x in [*quaternion(posed.r), *posed.t])
+        lines.append(f"{i} {numbers} {camera} {name}\n\n")
+    (folder / "cameras.txt").write_text("".join(f"{i} {camera}\n" for camera, i in cameras.items()))
+    (folder / "images.txt").write_text("".join(lines))
+
+
+def angle(a, b):
+    """Angle between two rotations, degrees; from the chord, which is exact for small ones."""
+    return np.degrees(2 * np.arcsin(min(1.0, np.linalg.norm(a @ b.T - np.eye(3)) / np.sqrt(8))))
 
 
 def mean_rotation(rotations):

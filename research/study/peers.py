@@ -1,43 +1,29 @@
-#!/usr/bin/env python3
-"""Localization by other programs and by veiloc, on the same images and lists.
-
-    python3 -m venv .venv && .venv/bin/pip install -r research/requirements.txt
-    .venv/bin/python research/study/peers.py --data $VEILOC_DATA --veiloc target/release/veiloc --work work --csv docs/results/peers/peers.csv
+"""Tables of docs/results/peers.md: localization by other programs and by veiloc, on the same images and lists.
 
 The steps of hloc with COLMAP's parts, for each place: SIFT of pycolmap, triangulation with the given poses from the map images, ten
 images by VLAD, mutual nearest neighbours without ratio test, and the pose by pycolmap, by PoseLib (LO-RANSAC of P3P), and by OpenCV
 (`solvePnPRansac` with SQPnP). COLMAP's own localization: the queries are matched with the same ten images, with its ratio test and
 two-view geometry, and each is registered in the model alone. veiloc: `eval scene` under each scheme. All with the same number of
-keypoints at most. With `--learned`, in place of all these: hloc's steps with the features of networks, as hloc does them, and the pose
-by PoseLib; `veiloc features` extracts them, with the files in VEILOC_MODELS. A query without a pose counts as infinite error.
+keypoints at most. A query without a pose counts as infinite error.
 
 Bytes: images as JPEG of quality 90; keypoints with descriptors as two 16-bit coordinates and 128 bytes each, with descriptors of
-networks as two bytes a number; queries of veiloc as sent. Times, with `--times`, are medians of a query on this machine: features (one
-image after another), match (retrieval and matching), pose.
---work keeps COLMAP's models of the map images, which take most of the time; `--maps-only` makes these alone, so that the queries can be
-timed on a machine that does nothing else.
+networks as two bytes a number; queries of veiloc as sent. Times are medians of a query on this machine: features (one image after
+another), match (retrieval and matching), pose. The work folder keeps COLMAP's models of the map images, which take most of the time;
+`--maps-only` makes these alone, so that the queries can be timed on a machine that does nothing else.
 """
 
-import argparse
+import dataclasses
 import functools
 import io
-import json
 import shutil
-import subprocess
 import tempfile
 import time
 from pathlib import Path
 
-import cv2
-import h5py
-import numpy as np
-import poselib
-import pycolmap
-from PIL import Image
+from study.common import PLACES, Package, command, names_of
+from study.geometry import angle, center, read_posed, write_posed
 
-from places import PLACES, write_csv
-from geometry import rotation
-
+np, cv2, h5py, poselib, pycolmap, Image = (Package(name) for name in ("numpy", "cv2", "h5py", "poselib", "pycolmap", "PIL.Image"))
 KEYPOINTS = 2048
 RETRIEVED = 10
 # Inlier threshold of the other programs, pixels.
@@ -47,36 +33,31 @@ NETWORKS = {"alike": "ALIKE", "alike-t": "ALIKE-tiny", "xfeat": "XFeat"}
 SENT = {"image": "image", "points": "keypoints, descriptors", "lines": "lines, descriptors"}
 COLUMNS = [
     "place", "program", "what leaves the device", "queries", "localized", "within 5 cm and 5° (%)", "within 25 cm and 2° (%)",
-    "median error (map units)", "median error (°)", "sent (kB)",
+    "median error (map units)", "median error (°)", "sent (kB)", "features (ms)", "match (ms)", "pose (ms)",
 ]  # fmt: skip
-TIMES = ["features (ms)", "match (ms)", "pose (ms)"]
+OPTIONS = {"places": PLACES, "maps_only": (False, "only COLMAP's models of the map images")}
 
 
-def read_list(path):
-    """Lines of a file."""
-    return [line.strip() for line in Path(path).read_text().splitlines() if line.strip()]
+@command("peers/peers.csv", **OPTIONS)
+def peers(run):
+    """The other programs and veiloc."""
+    measured(run, "peers/peers.csv", lambda place, work: of_colmap(run, place, work) + ([] if run.maps_only else of_veiloc(run, place)))
 
 
-def read_cameras(posed):
-    cameras = {}
-    for line in (Path(posed) / "cameras.txt").read_text().splitlines():
-        if line.strip() and not line.startswith("#"):
-            f = line.split()
-            cameras[int(f[0])] = {
-                "model": f[1], "width": int(f[2]), "height": int(f[3]), "params": [float(x) for x in f[4:]],
-            }
-    return cameras
+@command("peers/learned.csv", needs="files of XFeat and ALIKE in VEILOC_MODELS", networks=["alike"],
+         **OPTIONS | {"places": ["hololens-office", "llff-room", "fountain", "entry", "redkitchen", "herzjesu"]})  # fmt: skip
+def learned(run):
+    """hloc's steps with the features of networks, as hloc does them, and the pose by PoseLib."""
+    measured(run, "peers/learned.csv", lambda place, work: [row for kind in run.networks for row in of_learned(run, kind, place, work)])
 
 
-def read_poses(posed):
-    """name -> (qvec wxyz, tvec, camera id); the second line of each image is its 2D points."""
-    lines = [l for l in (Path(posed) / "images.txt").read_text().split("\n") if not l.startswith("#")]
-    poses = {}
-    for line in lines[0::2]:
-        f = line.split()
-        if len(f) >= 10:
-            poses[" ".join(f[9:])] = (np.array(f[1:5], float), np.array(f[5:8], float), int(f[8]))
-    return poses
+def measured(run, name, rows_of):
+    pycolmap.logging.minloglevel = 2
+    table = run.table(name, *COLUMNS)
+    for place in run.places:
+        with tempfile.TemporaryDirectory() as work:
+            for cells in rows_of(Place(run, place), Path(work)):
+                table.add(cells)
 
 
 def mutual_nearest(a, b):
@@ -138,8 +119,6 @@ def by_opencv(camera, p2d, p3d):
     own = inliers[:, 0]
     turn, move = cv2.solvePnPRefineLM(p3d[own], normalized[own], eye, none, turn, move)
     return cv2.Rodrigues(turn)[0], move[:, 0]
-
-
 ESTIMATORS = {
     "hloc's steps, pycolmap": by_pycolmap, "hloc's steps, PoseLib": by_poselib, "hloc's steps, OpenCV SQPnP": by_opencv,
 }  # fmt: skip
@@ -147,34 +126,19 @@ ESTIMATORS = {
 
 def error(pose, truth):
     """Angle in degrees and distance of the centres; infinite without a pose."""
-    if pose is None:
-        return np.inf, np.inf
-    (r, t), (r_true, t_true) = pose, truth
-    # The angle from the chord: exact for small angles, where the arc cosine of the trace is not.
-    angle = np.degrees(2 * np.arcsin(min(1.0, np.linalg.norm(r @ r_true.T - np.eye(3)) / np.sqrt(8))))
-    return angle, np.linalg.norm(r.T @ t - r_true.T @ t_true)
+    return (np.inf, np.inf) if pose is None else (angle(pose[0], truth.r), np.linalg.norm(center(*pose) - truth.center))
 
 
 def row(place, program, sent, errors, times, size):
     """A row of the table; `errors` are [N, 2] degrees and map units, `times` medians in ms, `size` in bytes."""
     errors = np.array(errors)
-    share = lambda angle, distance: f"{100 * np.mean((errors[:, 0] <= angle) & (errors[:, 1] <= distance)):.1f}"
+    share = lambda degrees, distance: f"{100 * np.mean((errors[:, 0] <= degrees) & (errors[:, 1] <= distance)):.1f}"
     number = lambda value, form: "" if value is None or not np.isfinite(value) else format(value, form)
-    found = [
-        place, program, SENT[sent], len(errors), int(np.isfinite(errors[:, 0]).sum()), share(5, 0.05), share(2, 0.25),
+    return [
+        place.name, program, SENT[sent], len(errors), int(np.isfinite(errors[:, 0]).sum()), share(5, 0.05), share(2, 0.25),
         number(np.median(errors[:, 1]), ".4f"), number(np.median(errors[:, 0]), ".3f"), f"{size / 1000:.0f}",
         *(number(t, ".0f") for t in times),
     ]  # fmt: skip
-    print(*found, sep="  ", flush=True)
-    return found
-
-
-def jpeg_bytes(path):
-    """Size of an image as a phone would send it."""
-    out = io.BytesIO()
-    with Image.open(path) as image:
-        image.convert("RGB").save(out, "JPEG", quality=90)
-    return out.tell()
 
 
 def features(database_path, names):
@@ -191,30 +155,52 @@ def features(database_path, names):
     return keypoints, descriptors
 
 
-def triangulated(work, images_folder, names, poses, camera, extract_and_match):
+class Place:
+    """Images, cameras and poses of a place; `kept` is the folder of COLMAP's models."""
+
+    def __init__(self, run, name):
+        self.name, self.folder, self.kept = name, run.place(name), run.work.resolve() / "peers" / name
+        self.images, self.known = self.folder / "images", read_posed(self.folder / "posed")
+        self.map, self.queries = names_of(self.folder / "map.txt"), names_of(self.folder / "query.txt")
+        model, _, _, *params = self.known[self.map[0]].camera.split()
+        # How COLMAP reads the images.
+        self.reader = {"camera_model": model, "camera_params": ",".join(params)}
+
+    def camera_of(self, name):
+        model, width, height, *params = self.known[name].camera.split()
+        return pycolmap.Camera(model=model, width=int(width), height=int(height), params=list(map(float, params)))
+
+    def image_bytes(self):
+        """Median size of the queries as a phone would send them."""
+        sizes = []
+        for name in self.queries:
+            out = io.BytesIO()
+            with Image.open(self.images / name) as image:
+                image.convert("RGB").save(out, "JPEG", quality=90)
+            sizes.append(out.tell())
+        return np.median(sizes)
+
+
+def triangulated(place, work, extract_and_match):
     """COLMAP's database and model of the map images with the given poses, in `work`; kept from an earlier run."""
     database_path, out = work / "map.db", work / "triangulated"
     if (out / "points3D.bin").exists():
         return database_path, out
     shutil.rmtree(work, ignore_errors=True)
     out.mkdir(parents=True)
-    model = work / "posed"
-    model.mkdir()
-    extract_and_match(database_path, names)
-    (model / "points3D.txt").write_text("")
+    extract_and_match(database_path, place.map)
     # COLMAP needs the ids of its database: images are not extracted in the order of the list.
     database = pycolmap.Database.open(database_path)
-    images = sorted((database.read_image_with_name(n) for n in names), key=lambda i: i.image_id)
+    images = sorted((database.read_image_with_name(name) for name in place.map), key=lambda image: image.image_id)
     database.close()
-    params = " ".join(map(repr, camera["params"]))
-    (model / "cameras.txt").write_text(
-        f"{images[0].camera_id} {camera['model']} {camera['width']} {camera['height']} {params}\n")
-    with open(model / "images.txt", "w") as f:
-        for image in images:
-            q, t, _ = poses[image.name]
-            numbers = " ".join(map(repr, [*q.tolist(), *t.tolist()]))
-            f.write(f"{image.image_id} {numbers} {image.camera_id} {image.name}\n\n")
-    pycolmap.triangulate_points(pycolmap.Reconstruction(model), database_path, images_folder, out)
+    model = work / "posed"
+    # One camera for all, which is the database's first.
+    assert {image.camera_id for image in images} == {1}
+    camera = place.known[place.map[0]].camera
+    posed = {image.name: dataclasses.replace(place.known[image.name], camera=camera) for image in images}
+    write_posed(model, posed, [image.image_id for image in images])
+    (model / "points3D.txt").write_text("")
+    pycolmap.triangulate_points(pycolmap.Reconstruction(model), database_path, place.images, out)
     return database_path, out
 
 
@@ -244,32 +230,6 @@ def registered(model, database_path, names):
             reconstruction.deregister_frame(image.frame_id)
     mapper.end_reconstruction(True)
     return poses, times
-
-
-def reader_of(camera):
-    """How COLMAP reads images of this camera."""
-    return pycolmap.ImageReaderOptions(camera_model=camera["model"], camera_params=",".join(map(str, camera["params"])))
-
-
-class Place:
-    """Images, cameras and poses of a place; `kept` is the folder of COLMAP's models."""
-
-    def __init__(self, folder, kept):
-        self.folder, self.kept, self.images = folder, kept, folder / "images"
-        self.cameras, self.poses = read_cameras(folder / "posed"), read_poses(folder / "posed")
-        self.map, self.queries = read_list(folder / "map.txt"), read_list(folder / "query.txt")
-        self.camera = self.cameras[self.poses[self.map[0]][2]]
-
-    def truth(self, name):
-        q, t, _ = self.poses[name]
-        return rotation(q), t
-
-    def camera_of(self, name):
-        own = self.cameras[self.poses[name][2]]
-        return pycolmap.Camera(model=own["model"], width=own["width"], height=own["height"], params=own["params"])
-
-    def image_bytes(self):
-        return np.median([jpeg_bytes(self.images / name) for name in self.queries])
 
 
 def by_steps(place, model, keypoints, descriptors, estimators):
@@ -307,11 +267,11 @@ def by_steps(place, model, keypoints, descriptors, estimators):
             started = time.time()
             pose = estimate(known, p2d, p3d) if len(pairs) >= 4 else None
             times[program].append(1e3 * (time.time() - started))
-            errors[program].append(error(pose, place.truth(name)))
+            errors[program].append(error(pose, place.known[name]))
     return errors, {program: np.median(each) for program, each in times.items()}, np.median(match_times), image_pairs
 
 
-def of_colmap(place, work, maps_only=False):
+def of_colmap(run, place, work):
     """Rows of the other programs with COLMAP's SIFT; `work` is a folder for the queries."""
     pycolmap.set_random_seed(0)
     options = pycolmap.FeatureExtractionOptions(use_gpu=False)
@@ -321,14 +281,14 @@ def of_colmap(place, work, maps_only=False):
     def extract(database_path, names):
         pycolmap.extract_features(
             database_path, place.images, image_names=names, camera_mode=pycolmap.CameraMode.SINGLE,
-            reader_options=reader_of(place.camera), extraction_options=options, device=pycolmap.Device.cpu)  # fmt: skip
+            reader_options=pycolmap.ImageReaderOptions(**place.reader), extraction_options=options, device=pycolmap.Device.cpu)  # fmt: skip
 
     def extract_and_match(database_path, names):
         extract(database_path, names)
         pycolmap.match_exhaustive(database_path, matching_options=matching, device=pycolmap.Device.cpu)
 
-    map_database, model = triangulated(place.kept, place.images, place.map, place.poses, place.camera, extract_and_match)
-    if maps_only:
+    map_database, model = triangulated(place, place.kept, extract_and_match)
+    if run.maps_only:
         return []
     database_path = shutil.copy(map_database, work / "all.db")
     feature_times = []
@@ -351,16 +311,16 @@ def of_colmap(place, work, maps_only=False):
     of_points = np.median([len(keypoints[name]) for name in place.queries]) * (4 + 128)
     for program in ESTIMATORS:
         each = np.median(feature_times), match_time, times[program]
-        rows.append(row(place.folder.name, program, "image", errors[program], each, size))
+        rows.append(row(place, program, "image", errors[program], each, size))
         if program == "hloc's steps, PoseLib":
-            rows.append(row(place.folder.name, f"{program}, features on the device", "points", errors[program], each, of_points))
-    own = [error(found[name], place.truth(name)) for name in place.queries]
+            rows.append(row(place, f"{program}, features on the device", "points", errors[program], each, of_points))
+    own = [error(found[name], place.known[name]) for name in place.queries]
     each = np.median(feature_times), of_pairs, np.median(register_times)
-    rows.append(row(place.folder.name, "COLMAP, registration", "image", own, each, size))
+    rows.append(row(place, "COLMAP, registration", "image", own, each, size))
     return rows
 
 
-def of_learned(kind, veiloc, place, work, maps_only=False):
+def of_learned(run, kind, place, work):
     """Rows of hloc's steps with the features of a network."""
 
     def extracted(names):
@@ -368,8 +328,8 @@ def of_learned(kind, veiloc, place, work, maps_only=False):
         listed, out = work / "names.txt", work / "features.h5"
         listed.write_text("".join(f"{name}\n" for name in names))
         started = time.time()
-        subprocess.run([veiloc, "features", "--quiet", "--features", kind, "--max-keypoints", str(KEYPOINTS), "--list", listed,
-                        "--out-hloc", out, place.images], check=True)  # fmt: skip
+        run.run("features", "--quiet", "--features", kind, "--max-keypoints", KEYPOINTS, "--list", listed, "--out-hloc", out,
+                place.images)  # fmt: skip
         spent = 1e3 * (time.time() - started) / len(names)
         keypoints, descriptors = {}, {}
         with h5py.File(out) as file:
@@ -386,7 +346,7 @@ def of_learned(kind, veiloc, place, work, maps_only=False):
     def extract_and_match(database_path, names):
         pycolmap.Database.open(database_path).close()
         pycolmap.import_images(database_path, place.images, camera_mode=pycolmap.CameraMode.SINGLE, image_names=names,
-                               options=reader_of(place.camera))  # fmt: skip
+                               options=pycolmap.ImageReaderOptions(**place.reader))  # fmt: skip
         keypoints, descriptors, _ = of_map()
         database = pycolmap.Database.open(database_path)
         ids = {name: database.read_image_with_name(name).image_id for name in names}
@@ -402,8 +362,8 @@ def of_learned(kind, veiloc, place, work, maps_only=False):
 
     pycolmap.set_random_seed(0)
     kept = place.kept.with_name(f"{place.kept.name}-{kind}")
-    _, model = triangulated(kept, place.images, place.map, place.poses, place.camera, extract_and_match)
-    if maps_only:
+    _, model = triangulated(place, kept, extract_and_match)
+    if run.maps_only:
         return []
     keypoints, descriptors, spent = extracted(place.queries)
     for known, own in zip((keypoints, descriptors), of_map()):
@@ -413,61 +373,21 @@ def of_learned(kind, veiloc, place, work, maps_only=False):
     each = spent, match_time, times[program]
     of_points = np.median([keypoints[n].shape[0] * (4 + 2 * descriptors[n].shape[1]) for n in place.queries])
     return [
-        row(place.folder.name, program, "image", errors[program], each, place.image_bytes()),
-        row(place.folder.name, f"{program}, features on the device", "points", errors[program], each, of_points),
+        row(place, program, "image", errors[program], each, place.image_bytes()),
+        row(place, f"{program}, features on the device", "points", errors[program], each, of_points),
     ]
 
 
-def of_veiloc(veiloc, place, work):
-    folder = place.folder
-    found = work / "scene.json"
-    subprocess.run(
-        [veiloc, "eval", "scene", "--quiet", "--posed", folder / "posed", "--images", folder / "images", "--map-list",
-         folder / "map.txt", "--query-list", folder / "query.txt", "--schemes", "points,random-lines,dcl", "--thresholds",
-         "0.05/5,0.25/2", "--query-keypoints", str(KEYPOINTS), "--json", found],
-        check=True, stdout=subprocess.DEVNULL)  # fmt: skip
-    document = json.loads(found.read_text())
+def of_veiloc(run, place):
+    document = run.json("eval", "scene", *run.scene(place.name), "--schemes", "points,random-lines,dcl", "--thresholds",
+                        "0.05/5,0.25/2", "--query-keypoints", KEYPOINTS)  # fmt: skip
     rows = []
     for scheme in document["schemes"]:
-        queries = [q for q in document["queries"] if q["scheme"] == scheme["scheme"]]
         known = lambda value: np.inf if value is None else value
-        errors = [(known(q.get("rotation_error_deg")), known(q.get("translation_error"))) for q in queries]
+        errors = [(known(q.get("rotation_error_deg")), known(q.get("translation_error"))) for q in document["queries"]
+                  if q["scheme"] == scheme["scheme"]]  # fmt: skip
         ms = scheme["median_ms"]
-        match = ms["retrieve"] + ms["match"]
         sent = "points" if scheme["scheme"] == "points" else "lines"
-        rows.append(row(folder.name, f"veiloc, {scheme['scheme']}", sent, errors, (ms["extract"], match, ms["pose"]),
+        rows.append(row(place, f"veiloc, {scheme['scheme']}", sent, errors, (ms["extract"], ms["retrieve"] + ms["match"], ms["pose"]),
                         scheme["sealed_bytes"]))  # fmt: skip
     return rows
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, required=True)
-    parser.add_argument("--veiloc", default="veiloc")
-    parser.add_argument("--places", default=",".join(PLACES))
-    parser.add_argument("--learned", default="", help=f"these networks in place of the other programs: {', '.join(NETWORKS)}")
-    parser.add_argument("--csv", type=Path)
-    parser.add_argument("--work", type=Path, required=True)
-    parser.add_argument("--maps-only", action="store_true")
-    parser.add_argument("--times", action="store_true", help="write times too: for a machine that does nothing else")
-    args = parser.parse_args()
-    pycolmap.logging.minloglevel = 2
-    rows = []
-    for place in args.places.split(","):
-        place = Place(args.data / place, args.work / place)
-        with tempfile.TemporaryDirectory() as work:
-            if args.learned:
-                for kind in args.learned.split(","):
-                    rows += of_learned(kind, args.veiloc, place, Path(work), args.maps_only)
-            else:
-                rows += of_colmap(place, Path(work), args.maps_only)
-                if not args.maps_only:
-                    rows += of_veiloc(args.veiloc, place, Path(work))
-        # After each place, so that an interrupted run shows what it has.
-        if rows:
-            end = None if args.times else -len(TIMES)
-            write_csv(args.csv, [*COLUMNS, *TIMES][:end], [row[:end] for row in rows])
-
-
-if __name__ == "__main__":
-    main()

@@ -1,36 +1,11 @@
-#!/usr/bin/env python3
-"""Measures what a server that has found the pose learns of something in front of its map, on several places.
+"""Tables of docs/results/privacy.md: what a server that has found the pose learns of something in front of its map.
 
-    research/study/private_rows.py hole --veiloc target/release/veiloc --data $VEILOC_DATA --work work --csv docs/results/privacy/hole.csv
-    research/study/private_rows.py defences … --csv docs/results/privacy/hole-defences.csv
-    research/study/private_rows.py persons … --people people --csv docs/results/privacy/persons.csv
-    research/study/private_rows.py person-defences … --people people --csv docs/results/privacy/person-defences.csv
-    research/study/private_rows.py layouts … --photos photos.jsonl.gz --csv docs/results/privacy/layout-private.csv \\
-        --means docs/results/privacy/layout-private-means.csv
-    research/study/private_rows.py places … --photos photos.jsonl.gz --csv docs/results/privacy/places.csv
-
-Each place is a folder with `posed`, `images`, `map.txt` and `query.txt`. A tenth of each query's keypoints, in an upright
-ellipse, loses its matches with the map, as if a person stood there; errors are measured on these keypoints.
-
-- hole: each scheme, on every place.
-- persons: the same with regions of 0.3 to 0.6 of the image's height (`person_regions.py`, which also makes --people):
-  ellipses, silhouettes, masks of real people, and real people pasted into the images, whose own keypoints are attacked then.
-  Rows of other places are kept in the table, and its means are of all.
-- person-defences: dcl, the defences on these regions; what they cost is in the table of `defences`.
-- defences: dcl, averaged over places: what a device can do about it, and what that costs in poses.
-- layouts: layouts of dcl by the rule of decision 0058, in absolute errors. Private regions are upright, as a person, or wide, as a
-  screen or a name plate: the same in images that are turned by a quarter, so that the attacker looks for wide regions too.
-  Seals, nearby images and the statistic are measured on all rows, the others on private ones.
-- places: every realistic adversary under dcl, on the static scene itself. `photos.jsonl.gz` has keypoints of other places, as
-  `veiloc eval keypoints` writes them.
-
-Keypoints and matches of a place are kept in --work.
+A tenth of each query's keypoints, in an upright ellipse, loses its matches with the map, as if a person stood there; errors are measured
+on these keypoints. Keypoints and matches of a place are kept in the work folder.
 """
 
-import argparse
 import base64
 import copy
-import csv
 import gzip
 import itertools
 import json
@@ -41,11 +16,12 @@ import subprocess
 import zlib
 from pathlib import Path
 
-from PIL import Image
+from study.common import PLACES, Package, command, names_of, read_csv
+from study.people import ellipse, pasted, silhouette
+from study.places import LAYOUTS
 
-from person_regions import ellipse, pasted, silhouette
-from places import LAYOUTS, PLACES, kept_document, write_csv
-
+Image = Package("PIL.Image")
+PAGE = "privacy"
 ATTACKS = "hole,server-side-points,iterative"
 SHARE = "10"
 # Keypoints that are sent, and the percentage of the image in turned regions.
@@ -59,38 +35,35 @@ UPRIGHT, HALF_HEIGHTS, CELLS = 2.5, (0.12, 0.36), (64, 48)
 class Place:
     """Keypoints and matches of a place's queries and map images."""
 
-    def __init__(self, args, name):
-        self.args, self.name, self.folder = args, name, args.data / name
+    def __init__(self, run, name):
+        self.run, self.name, self.folder = run, name, run.place(name)
         # Files of problems that this run has written.
         self.sent = set()
-        self.work = args.work / name
+        self.work = run.kept() / "private" / name
         self.work.mkdir(parents=True, exist_ok=True)
+        self.names = names_of(self.folder / "query.txt"), names_of(self.folder / "map.txt")
         self.problems, keypoints = self.work / "problems.jsonl", self.work / "keypoints.jsonl.gz"
-        names = [self.names("query.txt"), self.names("map.txt")]
-        if not keypoints.exists():
-            listed = self.work / "list.txt"
-            listed.write_text("".join(f"{name}\n" for names_of in names for name in names_of))
-            self.run("eval", "problems", "--quiet", "--posed", self.folder / "posed", "--images", self.folder / "images",
-                     "--map-list", self.folder / "map.txt", "--query-list", listed, "-o", self.problems,
-                     "--keypoints", keypoints)  # fmt: skip
-        with gzip.open(keypoints, "rt") as lines:
-            images = [json.loads(line) for line in lines]
-        self.queries, self.map = images[: len(names[0])], images[len(names[0]) :]
+        self.measure(self.folder / "images", [*self.names[0], *self.names[1]], self.work, keypoints)
+        images, count = read_lines(keypoints), len(self.names[0])
+        self.queries, self.map = images[:count], images[count:]
         with self.problems.open() as lines:
-            self.of_queries = [json.loads(line) for line in lines][: len(names[0])]
+            self.of_queries = [json.loads(line) for line in lines][:count]
         self.map_keypoints = self.work / "map.jsonl.gz"
         write_lines(self.map_keypoints, self.map)
 
-    def names(self, file):
-        lines = (self.folder / file).read_text().splitlines()
-        return [line.split()[0] for line in lines if line.strip() and not line.startswith("#")]
-
-    def run(self, *command):
-        subprocess.run([self.args.veiloc, *command], check=True, stdout=subprocess.DEVNULL)
+    def measure(self, images, queries, folder, keypoints):
+        """Matches and keypoints of these queries with the map; whether they were measured now."""
+        if keypoints.exists():
+            return False
+        listed = folder / "list.txt"
+        listed.write_text("".join(f"{name}\n" for name in queries))
+        self.run.run("eval", "problems", "--quiet", *self.run.posed(self.name, images), "--map-list", self.folder / "map.txt",
+                     "--query-list", listed, "-o", folder / "problems.jsonl", "--keypoints", keypoints)  # fmt: skip
+        return True
 
     def chosen(self, keypoints):
         """The attacked queries, evenly spaced, with their strongest keypoints."""
-        most = min(self.args.queries, len(self.queries))
+        most = min(self.run.queries, len(self.queries))
         return [strongest(self.queries[i * len(self.queries) // most], keypoints) for i in range(most)]
 
     def sent_problems(self, keypoints):
@@ -106,12 +79,13 @@ class Place:
                 file.write(json.dumps(problem) + "\n")
         return path
 
+
     def region(self, kind):
         """A view of this place whose attacked queries have private regions of this kind, and the options that name them."""
         if kind == "tenth":
             return self, ["--private", SHARE]
         folder, shown = self.work / kind.replace(" ", "-"), self
-        people = sorted(self.args.people.glob("*.png")) if "people" in kind else []
+        people = sorted(Path(self.run.people).glob("*.png")) if "people" in kind else []
         # Keypoints are those of the window that is sent, in the middle of the image.
         sizes = {query["name"]: (query["width"], query["height"]) for query in self.chosen(2048)}
         names, made = list(sizes), folder / "images"
@@ -136,57 +110,43 @@ class Place:
 
     def with_queries(self, names, made):
         """This place with these images as its queries, from another folder."""
-        for name in self.names("map.txt"):
+        for name in self.names[1]:
             (made / name).parent.mkdir(parents=True, exist_ok=True)
             if not (made / name).exists():
                 (made / name).symlink_to((self.folder / "images" / name).resolve())
         shown = copy.copy(self)
-        shown.work = made.parent
-        shown.problems, keypoints, listed = made.parent / "problems.jsonl", made.parent / "queries.jsonl.gz", made.parent / "list.txt"
-        if not keypoints.exists():
-            listed.write_text("".join(f"{name}\n" for name in names))
-            self.run("eval", "problems", "--quiet", "--posed", self.folder / "posed", "--images", made, "--map-list",
-                     self.folder / "map.txt", "--query-list", listed, "-o", shown.problems, "--keypoints", keypoints)  # fmt: skip
+        shown.work, shown.problems, keypoints = made.parent, made.parent / "problems.jsonl", made.parent / "queries.jsonl.gz"
+        if self.measure(made, names, made.parent, keypoints):
             # What the map's own images see is as before.
             with self.problems.open() as whole, shown.problems.open("a") as problems:
                 problems.writelines(list(whole)[len(self.queries) :])
-        with gzip.open(keypoints, "rt") as lines:
-            shown.queries = [json.loads(line) for line in lines]
+        shown.queries = read_lines(keypoints)
         return shown
 
     def attack(self, schemes, keypoints=2048, turned=0, attacks=ATTACKS, private=("--private", SHARE)):
         """Rows of `veiloc attack` by scheme and attack, with `hiding_auc` at the hole, and the summaries of the server."""
-        attacked, found = self.work / "attacked.jsonl.gz", self.work / "found.json"
-        chosen = self.chosen(keypoints)
-        write_lines(attacked, chosen)
-        problems = self.sent_problems(keypoints)
+        attacked = self.work / "attacked.jsonl.gz"
+        write_lines(attacked, self.chosen(keypoints))
         # The hole needs no neighbours.
         neighbours = [] if attacks == "hole" else ["--neighbours", "predicted", "--train", self.map_keypoints]
-        self.run("attack", attacked, "--quiet", "--server-matches", problems, *private, "--turned-regions", str(turned), *neighbours,
-                 "--attacks", attacks, "--schemes", ",".join(schemes), "--json", found)  # fmt: skip
-        document, rows = json.loads(found.read_text()), {}
-        for row in document["attacks"]:
-            rows.setdefault(row["scheme"], {})[row["attack"]] = row
+        document = self.run.json("attack", attacked, "--server-matches", self.sent_problems(keypoints), *private, "--turned-regions", turned,
+                                 *neighbours, "--attacks", attacks, "--schemes", ",".join(schemes))  # fmt: skip
+        rows = by_attack(document)
         for server in document["server"]:
             rows[server["scheme"]]["server"] = server
         return rows
 
     def attack_scene(self, schemes, attacks, neighbours, server, with_map, seals):
         """Rows of `veiloc attack` on the scene itself by scheme and attack."""
-        attacked, found, chosen = self.work / "attacked.jsonl.gz", self.work / "found.json", self.chosen(2048)
+        attacked, chosen = self.work / "attacked.jsonl.gz", self.chosen(2048)
         write_lines(attacked, chosen + (self.map if with_map else []))
         known = ["--server-matches", self.sent_problems(2048)] if server else []
-        self.run("attack", attacked, "--quiet", "--limit", str(len(chosen)), "--attacks", attacks, "--schemes",
-                 ",".join(schemes), *neighbours, *known, "--frames", str(seals),
-                 "--json", found)  # fmt: skip
-        rows = {}
-        for row in json.loads(found.read_text())["attacks"]:
-            rows.setdefault(row["scheme"], {})[row["attack"]] = row
-        return rows
+        return by_attack(self.run.json("attack", attacked, "--limit", len(chosen), "--attacks", attacks, "--schemes", ",".join(schemes),
+                                       *neighbours, *known, "--frames", seals))  # fmt: skip
 
     def poses(self, scheme, keypoints=2048, turned=0):
         """The entry of the scheme, and the median error with lost queries as infinite."""
-        problems, found = self.work / "poses.jsonl", self.work / "poses.json"
+        problems = self.work / "poses.jsonl"
         with problems.open("w") as file:
             for problem, image in zip(self.of_queries, self.queries):
                 keep = matched(problem, image, keypoints)
@@ -194,11 +154,29 @@ class Place:
                     inside = regions(image, turned / 100)
                     keep = [kept and not inside(point) for kept, point in zip(keep, problem["points2d"])]
                 file.write(json.dumps(with_matches(problem, keep)) + "\n")
-        self.run("eval", "pose", "--quiet", problems, "--schemes", scheme, "--recipes", "default", "--thresholds",
-                 "0.05/5,0.25/2", "--json", found)  # fmt: skip
-        document = json.loads(found.read_text())
-        errors = [query.get("translation_error") for query in document["queries"]]
-        return document["schemes"][0], statistics.median(math.inf if e is None else e for e in errors)
+        document = self.run.json(*POSES, problems, "--schemes", scheme)
+        return document["schemes"][0], median_error(document)
+
+
+POSES = ["eval", "pose", "--recipes", "default", "--thresholds", "0.05/5,0.25/2"]
+
+
+def median_error(document):
+    """Median error of the position with lost queries as infinite."""
+    errors = [query.get("translation_error") for query in document["queries"]]
+    return statistics.median(math.inf if error is None else error for error in errors)
+
+
+def by_attack(document):
+    rows = {}
+    for row in document["attacks"]:
+        rows.setdefault(row["scheme"], {})[row["attack"]] = row
+    return rows
+
+
+def read_lines(path):
+    with gzip.open(path, "rt") as lines:
+        return [json.loads(line) for line in lines]
 
 
 def write_lines(path, images):
@@ -241,62 +219,68 @@ def regions(image, share):
     return lambda point: any(is_in(point, ellipse) for ellipse in ellipses)
 
 
-def hole(places, args):
-    rows = []
-    for place in places:
+def places_of(run):
+    return [Place(run, name) for name in run.places]
+
+
+QUERIES = {"queries": (10, "attacked queries of each place, evenly spaced"), "places": PLACES}
+FEW = QUERIES | {"queries": (6, QUERIES["queries"][1])}
+PEOPLE = {"people": ("people", "folder of people, as `study privacy people` makes")}
+
+
+@command("privacy/hole.csv", **QUERIES)
+def hole(run):
+    """Each scheme, on every place: what the hole in the matches tells."""
+    table = run.table("privacy/hole.csv", "place", "scheme", "queries", "prior (px)", "hole (px)", "< 30 px, prior (%)",
+                      "< 30 px, hole (%)", "bits, hole", "bits, best other attack", "AUC of private rows among unexplained ones")  # fmt: skip
+    for place in places_of(run):
         for scheme, of_scheme in place.attack(["random-lines", "dcl"]).items():
             prior, found = of_scheme["prior"], of_scheme["hole"]
             other = max(row["bits_over_prior"] for name, row in of_scheme.items() if name not in ("prior", "hole", "server"))
-            rows.append([
+            table.add([
                 place.name, scheme, found["images"], f"{prior['median_px']:.0f}", f"{found['median_px']:.0f}",
                 f"{100 * prior['under_30px']:.0f}", f"{100 * found['under_30px']:.0f}",
                 f"{found['bits_over_prior']:.2f}", f"{other:.2f}", f"{found['hiding_auc']:.2f}",
             ])  # fmt: skip
-            print(*rows[-1], sep="  ", flush=True)
-    columns = ["place", "scheme", "queries", "prior (px)", "hole (px)", "< 30 px, prior (%)", "< 30 px, hole (%)",
-               "bits, hole", "bits, best other attack", "AUC of private rows among unexplained ones"]  # fmt: skip
-    write_csv(args.csv, columns, rows)
 
 
-def defences(places, args):
-    rows, base, layout = [], {}, "dcl:paper"
+@command("privacy/hole-defences.csv", **FEW)
+def hole_defences(run):
+    """dcl, averaged over places: what a device can do about the hole, and what that costs in poses."""
+    table = run.table("privacy/hole-defences.csv", "defence", "bits, mean of places", "bits, range", "AUC, mean of places",
+                      "recall lost at 5 cm and 5° (points)", "recall lost at 25 cm and 2° (points)", "worst place (points)",
+                      "median error over none")  # fmt: skip
+    places, base, layout = places_of(run), {}, "dcl:paper"
     for name, (keypoints, turned) in DEFENCES.items():
         found = []
         for place in places:
             row = place.attack([layout], keypoints, turned, "hole")
             of_hole = next(iter(row.values()))["hole"]
             pose, median = place.poses(layout, keypoints, turned)
-            base.setdefault(place.name, (pose, median))
-            before, best = base[place.name]
+            before, best = base.setdefault(place.name, (pose, median))
             lost = [100 * (before["recall"][t] - pose["recall"][t]) for t in ("0.05/5", "0.25/2")]
             found.append((of_hole["bits_over_prior"], of_hole["hiding_auc"], *lost, median / best))
         bits, auc, near, far, ratio = zip(*found)
-        rows.append([
+        table.add([
             name, f"{statistics.mean(bits):.2f}", f"{min(bits):.2f} to {max(bits):.2f}", f"{statistics.mean(auc):.2f}",
             f"{statistics.mean(near):.1f}", f"{statistics.mean(far):.1f}", f"{max(far):.1f}",
             f"{statistics.geometric_mean(ratio):.2f}",
         ])  # fmt: skip
-        print(*rows[-1], sep="  ", flush=True)
-    columns = ["defence", "bits, mean of places", "bits, range", "AUC, mean of places",
-               "recall lost at 5 cm and 5° (points)", "recall lost at 25 cm and 2° (points)", "worst place (points)",
-               "median error over none"]  # fmt: skip
-    write_csv(args.csv, columns, rows)
 
 
 REGIONS = ["ellipses", "silhouettes", "people", "people, pasted"]
 
 
-def kept_rows(path, measured):
-    """Rows of a table that are not measured again."""
-    if not path or not path.exists():
-        return []
-    with path.open(newline="") as file:
-        return [row for row in list(csv.reader(file))[1:] if row[0] not in measured]
-
-
-def persons(places, args):
-    rows = kept_rows(args.csv, [place.name for place in places] + ["mean of places"])
-    for place in places:
+@command("privacy/persons.csv", needs="a segmentation network", **QUERIES, **PEOPLE)
+def persons(run):
+    """The hole with regions of the size of people: ellipses, silhouettes, masks of real people, and real people pasted into the images,
+    whose own keypoints are attacked then. With --out, rows of places that are not measured are kept, and the means are of all."""
+    columns = ["place", "regions", "scheme", "queries", "private rows (%)", "prior (px)", "hole (px)", "bits, hole",
+               "AUC of private rows among unexplained ones"]  # fmt: skip
+    path, rows = run.out and run.out / "privacy/persons.csv", []
+    if path and path.exists():
+        rows = [list(row.values()) for row in read_csv(path) if row["place"] not in [*run.places, "mean of places"]]
+    for place in places_of(run):
         for kind in REGIONS:
             shown, private = place.region(kind)
             for scheme, found in shown.attack(["random-lines", "dcl"], private=private).items():
@@ -307,30 +291,26 @@ def persons(places, args):
                     f"{of_hole['hiding_auc']:.2f}",
                 ])  # fmt: skip
                 print(*rows[-1], sep="  ", flush=True)
-    rows.sort(key=lambda row: PLACES.index(row[0]))
+    table = run.table("privacy/persons.csv", *columns)
+    for row in sorted(rows, key=lambda row: PLACES.index(row[0])):
+        table.add(row)
     for kind, scheme in itertools.product(REGIONS, ["random-lines", "dcl"]):
         bits, auc = zip(*((float(row[7]), float(row[8])) for row in rows if row[1:3] == [kind, scheme]))
-        rows.append(["mean of places", kind, scheme, "", "", "", "", f"{statistics.mean(bits):.2f}", f"{statistics.mean(auc):.2f}"])
-        print(*rows[-1], sep="  ", flush=True)
-    columns = ["place", "regions", "scheme", "queries", "private rows (%)", "prior (px)", "hole (px)", "bits, hole",
-               "AUC of private rows among unexplained ones"]  # fmt: skip
-    write_csv(args.csv, columns, rows)
+        table.add(["mean of places", kind, scheme, "", "", "", "", f"{statistics.mean(bits):.2f}", f"{statistics.mean(auc):.2f}"])
 
 
-def person_defences(places, args):
-    rows = []
+@command("privacy/person-defences.csv", needs="a segmentation network", **PEOPLE,
+         **FEW | {"places": ["llff-room", "fountain", "entry", "herzjesu"]})  # fmt: skip
+def person_defences(run):
+    """dcl, the defences on regions of the size of people; what they cost is in the table of hole-defences."""
+    table = run.table("privacy/person-defences.csv", "regions", "defence", "bits, mean of places", "bits, range", "AUC, mean of places")
+    places = places_of(run)
     for kind in REGIONS:
-        regions = [place.region(kind) for place in places]
+        shown = [place.region(kind) for place in places]
         for name, (keypoints, turned) in DEFENCES.items():
-            found = []
-            for shown, private in regions:
-                row = next(iter(shown.attack(["dcl:paper"], keypoints, turned, "hole", private).values()))["hole"]
-                found.append((row["bits_over_prior"], row["hiding_auc"]))
-            bits, auc = zip(*found)
-            rows.append([kind, name, f"{statistics.mean(bits):.2f}", f"{min(bits):.2f} to {max(bits):.2f}",
-                         f"{statistics.mean(auc):.2f}"])  # fmt: skip
-            print(*rows[-1], sep="  ", flush=True)
-    write_csv(args.csv, ["regions", "defence", "bits, mean of places", "bits, range", "AUC, mean of places"], rows)
+            found = [next(iter(view.attack(["dcl:paper"], keypoints, turned, "hole", private).values()))["hole"] for view, private in shown]
+            bits, auc = zip(*((row["bits_over_prior"], row["hiding_auc"]) for row in found))
+            table.add([kind, name, f"{statistics.mean(bits):.2f}", f"{min(bits):.2f} to {max(bits):.2f}", f"{statistics.mean(auc):.2f}"])
 
 
 # Adversaries that layouts are compared under.
@@ -342,25 +322,38 @@ LEAST_ERROR, MOST_SHARE = 0.9, 0.03
 # Sessions are slow: one place, and not the layouts that are outside of the limits without them.
 SESSION_PLACE, SESSION_FRAMES = "redkitchen", "8"
 NO_SESSIONS = ("stripes 138", "stripes 115", "upright strips, 0.5", "upright strips, 0.75", "slanted strips B")
+ALSO = [
+    "slanted strips A=dcl:axis=126:sectors=24:anchors=0.3/-0.42+-0.47/0.65",
+    "slanted strips B=dcl:axis=126:sectors=24:anchors=0.35/-0.49+-0.41/0.57",
+    "slanted strips C=dcl:axis=126:sectors=24:anchors=0.35/-0.49+-0.53/0.73",
+]
+ALSO_OPTION = {"also": (ALSO, "more layouts, NAME=LAYOUT")}
+PHOTOS = {"photos": ("", "keypoints of other places, as `veiloc eval keypoints` writes them")}
 
 
-def layouts(places, args):
-    compared = {"paper": "dcl:paper"} | LAYOUTS | dict(also.split("=", 1) for also in args.also)
-    rows, found = [], {}
-    for place in places:
-        for adversary, trials in layout_attacks(place, compared, args):
+@command("privacy/layout-private.csv", "privacy/layout-private-means.csv", needs="keypoints of other photographs (--photos)",
+         sessions=(6, "images that sessions are attacked on"), **ALSO_OPTION, **PHOTOS, **QUERIES | {"queries": 8})  # fmt: skip
+def layout_private(run):
+    """Layouts of dcl by the rule of decision 0058, in absolute errors.
+
+    Private regions are upright, as a person, or wide, as a screen or a name plate: the same in images that are turned by a quarter, so
+    that the attacker looks for wide regions too. Seals, nearby images and the statistic are measured on all rows, the others on private
+    ones."""
+    compared, found = {"paper": "dcl:paper"} | LAYOUTS | dict(also.split("=", 1) for also in run.also), {}
+    rows = run.table("privacy/layout-private.csv", "place", "layout", "adversary", "baseline (px)", "attacker (px)",
+                     "attacker < 30 px (%)", "bits")  # fmt: skip
+    for place in places_of(run):
+        for adversary, trials in layout_attacks(place, compared):
             for name, layout in compared.items():
                 if layout not in trials[0]:
                     continue
                 answers = [attacker(trial[layout]) for trial in trials]
                 prior, error, share, bits = (statistics.mean(answer[k] for answer in answers) for k in range(4))
                 found.setdefault((name, adversary), []).append((error, share, bits))
-                rows.append([place.name, name, adversary, f"{prior:.1f}", f"{error:.1f}", f"{100 * share:.1f}", f"{bits:.2f}"])
-                print(*rows[-1], sep="  ", flush=True)
-    write_csv(args.csv, ["place", "layout", "adversary", "baseline (px)", "attacker (px)", "attacker < 30 px (%)", "bits"], rows)
+                rows.add([place.name, name, adversary, f"{prior:.1f}", f"{error:.1f}", f"{100 * share:.1f}", f"{bits:.2f}"])
     means = {of: (statistics.geometric_mean(error for error, *_ in all_of), statistics.mean(share for _, share, _ in all_of),
                   statistics.mean(bits for *_, bits in all_of)) for of, all_of in found.items()}  # fmt: skip
-    table = []
+    table = run.table("privacy/layout-private-means.csv", "layout", *LAYOUT_ADVERSARIES, "outside the limits")
     for name in compared:
         cells, beyond = [], []
         for adversary in LAYOUT_ADVERSARIES:
@@ -371,14 +364,12 @@ def layouts(places, args):
             cells.append(f"{error:.1f} px, {100 * share:.1f} %, {bits:+.2f}")
             if error < LEAST_ERROR * reference or share > share_of_paper + MOST_SHARE:
                 beyond.append(f"{adversary} ({error / reference - 1:+.0%}, {100 * (share - share_of_paper):+.1f} points)")
-        table.append([name, *cells, "reference" if name == "paper" else "; ".join(beyond) or "none"])
-        print(*table[-1], sep="  ")
-    write_csv(args.means, ["layout", *LAYOUT_ADVERSARIES, "outside the limits"], table)
+        table.add([name, *cells, "reference" if name == "paper" else "; ".join(beyond) or "none"])
 
 
-def layout_attacks(place, compared, args):
+def layout_attacks(place, compared):
     """Each adversary with its trials, one a seed: rows by layout and attack."""
-    schemes, run = list(compared.values()), lambda *options: attack_rows(place, args, *options)
+    schemes, run = list(compared.values()), lambda *options: attack_rows(place, *options)
     chosen = place.chosen(2048)
     count = str(len(chosen))
     queries, with_map, turned = (place.work / f"{what}-{count}.jsonl.gz" for what in ("attacked", "attacked-with-map", "turned"))
@@ -403,29 +394,28 @@ def layout_attacks(place, compared, args):
     yield "wide hole", [{of_turned[scheme]: rows for scheme, rows in trial.items()} for trial in trials]
     yield "eight seals", [run(queries, schemes, "--attacks", "resting-camera", "--frames", "8")]
     yield "nearby images", [run(with_map, schemes, "--limit", count, "--attacks", "transfer")]
-    if args.photos:
-        yield "statistic", [run(queries, schemes, "--neighbours", "predicted", "--train", args.photos, "--attacks",
+    if place.run.photos:
+        yield "statistic", [run(queries, schemes, "--neighbours", "predicted", "--train", place.run.photos, "--attacks",
                                 "learned-prior,closed-form-consensus")]  # fmt: skip
     if place.name == SESSION_PLACE:
-        yield "sessions", session_rows(place, args, [scheme for name, scheme in compared.items() if name not in NO_SESSIONS])
+        yield "sessions", session_rows(place, [scheme for name, scheme in compared.items() if name not in NO_SESSIONS])
 
 
-def attack_rows(place, args, file, schemes, *options):
+def attack_rows(place, file, schemes, *options):
     rows = {}
     for scheme in schemes:
-        document = kept_document(args.veiloc, place.work / "layouts", "attack", file, *options, "--schemes", scheme)
+        document = place.run.document("attack", file, *options, "--schemes", scheme)
         rows[scheme] = {row["attack"]: row for row in document["attacks"]}
     return rows
 
 
-def session_rows(place, args, schemes):
+def session_rows(place, schemes):
     """Private rows of several images of a session, each layout by its best method, for a camera that turns and one that walks;
     shares are of 10 px here."""
-    document = kept_document(
-        args.veiloc, place.work / "layouts", "eval", "sessions", "--posed", place.folder / "posed", "--images",
-        place.folder / "images", "--map-list", place.folder / "map.txt", "--query-list", place.folder / "query.txt", "--anchors",
+    document = place.run.document(
+        "eval", "sessions", *place.run.scene(place.name), "--anchors",
         "world", "--gyro-deg", "0", "--motion", "turning,walking", "--frames", SESSION_FRAMES, "--max-attacked",
-        str(args.sessions), "--schemes", ",".join(schemes))  # fmt: skip
+        place.run.sessions, "--schemes", ",".join(schemes))  # fmt: skip
     trials = {}
     for row in document["rows"]:
         if row["target"] == "private" and row["median_px"] is not None:
@@ -473,8 +463,6 @@ def turned_layout(layout, width, height):
         axis, anchors = axis + 180, anchors[::-1]
     at = "+".join(f"{round(x, 3) + 0:g}/{round(y, 3) + 0:g}" for x, y in anchors)
     return f"dcl:axis={axis:g}:sectors={parts['sectors']}:anchors={at}"
-
-
 # Adversary: attacks, neighbours, whether it has the pose and the map's images.
 ADVERSARIES = {
     "the query and a statistic of other places": ("learned-prior,closed-form-consensus", "photos", False, False),
@@ -485,48 +473,82 @@ ADVERSARIES = {
 }
 
 
-def every_place(places, args):
-    rows, rng = [], random.Random(0)
-    for scheme in ("dcl:paper",):
-        for adversary, (attacks, neighbours, server, with_map) in ADVERSARIES.items():
-            cells, bits = [], []
-            for place in places:
-                options = {
-                    "photos": ["--neighbours", "predicted", "--train", args.photos],
-                    "map": ["--neighbours", "predicted", "--train", place.map_keypoints],
-                    "transferred": ["--neighbours", "transferred"], "oracle": [],
-                }[neighbours]  # fmt: skip
-                found = next(iter(place.attack_scene([scheme], attacks, options, server, with_map, 8).values()))
-                best = max((row for name, row in found.items() if name != "prior"), key=lambda r: r["bits_over_prior"])
-                bits.append(best["bits_over_prior"])
-                cells.append(f"{best['median_px']:.0f} / {found['prior']['median_px']:.0f} ({bits[-1]:+.2f})")
-                print(scheme, adversary, place.name, cells[-1], sep="  ", flush=True)
-            means = sorted(statistics.mean(rng.choices(bits, k=len(bits))) for _ in range(2000))
-            rows.append([scheme.removesuffix(":paper"), adversary, *cells,
-                         f"{statistics.mean(bits):+.2f} ({means[100]:+.2f} to {means[1899]:+.2f})"])  # fmt: skip
-    write_csv(args.csv, ["scheme", "knows", *(place.name for place in places), "mean of places (bits)"], rows)
+@command("privacy/places.csv", needs="keypoints of other photographs (--photos)", **PHOTOS, **FEW)
+def places(run):
+    """Every realistic adversary under dcl, on the static scene itself."""
+    rng, scheme, all_places = random.Random(0), "dcl:paper", places_of(run)
+    table = run.table("privacy/places.csv", "scheme", "knows", *(place.name for place in all_places), "mean of places (bits)")
+    for adversary, (attacks, neighbours, server, with_map) in ADVERSARIES.items():
+        cells, bits = [], []
+        for place in all_places:
+            options = {
+                "photos": ["--neighbours", "predicted", "--train", run.photos],
+                "map": ["--neighbours", "predicted", "--train", place.map_keypoints],
+                "transferred": ["--neighbours", "transferred"], "oracle": [],
+            }[neighbours]  # fmt: skip
+            found = next(iter(place.attack_scene([scheme], attacks, options, server, with_map, 8).values()))
+            best = max((row for name, row in found.items() if name != "prior"), key=lambda r: r["bits_over_prior"])
+            bits.append(best["bits_over_prior"])
+            cells.append(f"{best['median_px']:.0f} / {found['prior']['median_px']:.0f} ({bits[-1]:+.2f})")
+        means = sorted(statistics.mean(rng.choices(bits, k=len(bits))) for _ in range(2000))
+        table.add([scheme.removesuffix(":paper"), adversary, *cells,
+                   f"{statistics.mean(bits):+.2f} ({means[100]:+.2f} to {means[1899]:+.2f})"])  # fmt: skip
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["hole", "persons", "defences", "person-defences", "layouts", "places"])
-    parser.add_argument("--veiloc", default="veiloc")
-    parser.add_argument("--data", type=Path, required=True)
-    parser.add_argument("--work", type=Path, required=True)
-    parser.add_argument("--csv", type=Path)
-    parser.add_argument("--places", default=",".join(PLACES))
-    parser.add_argument("--photos", type=Path, help="keypoints of other places, for `places` and `layouts`")
-    parser.add_argument("--people", type=Path, help="folder of people, for `persons`")
-    parser.add_argument("--means", type=Path, help="CSV of the means over places, for `layouts`")
-    parser.add_argument("--also", action="append", default=[], metavar="NAME=LAYOUT", help="one more layout, for `layouts`")
-    parser.add_argument("--sessions", type=int, default=6, help="images that sessions are attacked on, for `layouts`")
-    parser.add_argument("--queries", type=int, default=10, help="attacked queries of each place, evenly spaced")
-    args = parser.parse_args()
-    places = [Place(args, name) for name in args.places.split(",")]
-    commands = {"hole": hole, "persons": persons, "defences": defences, "person-defences": person_defences,
-                "layouts": layouts, "places": every_place}  # fmt: skip
-    commands[args.what](places, args)
+LOST = 100
 
 
-if __name__ == "__main__":
-    main()
+def hidden(problem, image, left):
+    """The problem without the matches of one half of its image."""
+    return with_matches(problem, [(u >= image["width"] / 2) == left for u, _ in problem["points2d"]])
+
+
+def pose_cells(place):
+    """Problems of each cell of a place: as it is, with a half of each image hidden, with a map of every tenth image where one can be
+    built."""
+    both = list(zip(place.of_queries, place.queries))
+    found = {"as it is": place.of_queries}
+    found["left half hidden"] = [hidden(problem, image, True) for problem, image in both]
+    found["right half hidden"] = [hidden(problem, image, False) for problem, image in both]
+    out, listed = place.work / "sparse.jsonl", place.work / "sparse.txt"
+    listed.write_text("".join(f"{name}\n" for name in place.names[1][::10]))
+    try:
+        place.run.made(out, "eval", "problems", *place.run.posed(place.name), "--map-list", listed, "--query-list",
+                       place.folder / "query.txt")  # fmt: skip
+    except subprocess.CalledProcessError:
+        return found
+    return found | {"sparse map": [json.loads(line) for line in out.read_text().splitlines()]}
+
+
+@command("privacy/layout-poses.csv", "privacy/layout-pose-means.csv", **ALSO_OPTION, **QUERIES)
+def layout_poses(run):
+    """Poses of layouts of dcl on every place, by the rule of decision 0058: the pose stage alone, on matches of the private rows.
+
+    The figure of a cell is the median error of the position over that of points; a lost query counts as infinite. A cell in which
+    points lose half of the queries is left out; a layout that loses half of them where points do not has the figure LOST."""
+    schemes = {"points": "points", "paper": "dcl:paper"} | LAYOUTS | dict(also.split("=", 1) for also in run.also)
+    figures = {label: [] for label in schemes}
+    table = run.table("privacy/layout-poses.csv", "place", "cell", "layout", "queries", "within 25 cm and 2° (%)", "trusted",
+                      "median error (map units)", "error over points")  # fmt: skip
+    for place in places_of(run):
+        for cell, problems in pose_cells(place).items():
+            path = place.work / f"{cell.replace(' ', '-')}.jsonl"
+            path.write_text("".join(json.dumps(problem) + "\n" for problem in problems))
+            of_points = None
+            for label, scheme in schemes.items():
+                document = run.document(*POSES[:2], path, "--schemes", scheme, *POSES[2:])
+                median, entry, queries = median_error(document), document["schemes"][0], len(document["queries"])
+                of_points = median if of_points is None else of_points
+                recall, trusted = 100 * entry["recall"]["0.25/2"], entry["trusted"]
+                figure = min(LOST, median / of_points) if math.isfinite(of_points) else None
+                if figure is not None:
+                    figures[label].append((cell, figure, recall, 100 * trusted / queries, trusted))
+                table.add([place.name, cell, label, queries, f"{recall:.0f}", trusted, f"{median:.4f}" if math.isfinite(median) else "",
+                           "" if figure is None else f"{figure:.2f}"])  # fmt: skip
+    names = ["as it is", "left half hidden", "right half hidden", "sparse map"]
+    means = run.table("privacy/layout-pose-means.csv", "layout", "error over points, all cells", *names, "within 25 cm and 2° (%)",
+                      "trusted (%)", "trusted poses")  # fmt: skip
+    for label, of in figures.items():
+        mean = lambda cell: f"{statistics.geometric_mean(figure for name, figure, *_ in of if cell in ('', name)):.2f}"
+        recall, share, trusted = ([row[k] for row in of] for k in (2, 3, 4))
+        means.add([label, mean(""), *map(mean, names), f"{statistics.mean(recall):.1f}", f"{statistics.mean(share):.1f}", sum(trusted)])

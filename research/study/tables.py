@@ -1,8 +1,7 @@
-#!/usr/bin/env python3
 """Writes the tables of docs/results from the CSV files beside the pages.
 
-    research/study/tables.py              # writes every table
-    research/study/tables.py --check      # writes nothing; fails when a table is not what its CSV file says
+    python3 research/study tables              # writes every table
+    python3 research/study tables --check      # writes nothing; fails when a table is not what its CSV file says
 
 A page names a table's file, relative to the page, and the script fills the lines between two comments:
 
@@ -20,7 +19,8 @@ import re
 import sys
 from pathlib import Path
 
-RESULTS = Path(__file__).resolve().parents[2] / "docs/results"
+from study.common import RESULTS
+
 BEGIN = re.compile(r"<!-- table: (\S+) -->")
 END = "<!-- end -->"
 LINK = re.compile(r"\]\((\S+\.csv)\)")
@@ -85,10 +85,10 @@ def filled(page: Path, used: set[Path]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def main(words: list[str]) -> int:
+    parser = argparse.ArgumentParser(prog="study tables", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true", help="write nothing; fail when a page is not as its CSV files say")
-    check = parser.parse_args().check
+    check = parser.parse_args(words).check
     faults = []
     used: set[Path] = set()
     for page in sorted(RESULTS.glob("*.md")):
@@ -100,7 +100,7 @@ def main() -> int:
         if text == page.read_text(encoding="utf-8"):
             continue
         if check:
-            faults.append(f"docs/results/{page.name}: a table is not what its CSV file says; run research/study/tables.py")
+            faults.append(f"docs/results/{page.name}: a table is not what its CSV file says; run python3 research/study tables")
         else:
             page.write_text(text, encoding="utf-8")
             print(f"docs/results/{page.name}: written")
@@ -110,7 +110,3 @@ def main() -> int:
     for fault in faults:
         print(fault, file=sys.stderr)
     return 1 if faults else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

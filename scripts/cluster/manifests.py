@@ -24,9 +24,9 @@ import tomllib
 
 import yaml
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "research/study/service"))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "research"))
 
-from common import ROOT, target_dir  # noqa: E402
+from study.loopback import ROOT, target_dir  # noqa: E402
 
 DEPLOY = ROOT / "deploy" / "cluster"
 CONTAINERFILE = "deploy/cluster/Containerfile"

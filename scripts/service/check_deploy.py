@@ -24,9 +24,9 @@ import tomllib
 
 import yaml
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "research/study/service"))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "research"))
 
-import common  # noqa: E402
+from study import loopback as common  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 DEPLOY = ROOT / "deploy"

@@ -27,11 +27,9 @@ import urllib.error
 import urllib.parse
 import urllib.request
 
-STUDY = pathlib.Path(__file__).resolve().parents[2] / "research/study"
-sys.path[:0] = [str(STUDY / "cluster"), str(STUDY / "service")]
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "research"))
 
-from common import LOCALIZE, ROOT, RenderedScene, Server, arguments, ask, free_port, wait_for  # noqa: E402
-from machines import Cluster  # noqa: E402
+from study.loopback import LOCALIZE, ROOT, Cluster, RenderedScene, Server, arguments, ask, free_port, wait_for  # noqa: E402
 
 DASHBOARD = ROOT / "deploy" / "grafana" / "veiloc.json"
 ALERTS = ROOT / "deploy" / "prometheus" / "alerts.yml"

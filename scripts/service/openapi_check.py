@@ -26,9 +26,9 @@ import sys
 import tempfile
 import time
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "research/study/service"))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "research"))
 
-from common import LOCALIZE, PROTOBUF, RenderedScene, Server, arguments, ask, in_threads, token
+from study.loopback import LOCALIZE, PROTOBUF, RenderedScene, Server, arguments, ask, in_threads, token  # noqa: E402
 
 NEEDED = ["openapi-spec-validator", "jsonschema"]
 RIG = "/v1/maps/place/localize-rig"

@@ -1,27 +1,241 @@
-"""A cluster on loopback whose processes can be killed one by one: NATS servers, a folder as store, workers, a gateway; and clients.
+"""`veiloc serve` and clusters on loopback, their clients, and maps and queries for them.
 
-Loopback only, standard library only; needs nats-server (Debian: nats-server) and a build of the program.
+Loopback only, standard library only; a cluster needs nats-server (Debian: nats-server). The maps are cached in the target folder, and
+built again when the program cannot open them.
 """
 
+import argparse
 import atexit
+import hashlib
 import http.client
 import json
 import os
 import pathlib
+import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "service"))
-
-from common import (  # noqa: E402
-    PROTOBUF, Program, Server, arguments, ask, connects, first_words, free_port, header, row, wait_for)
+from study.common import ROOT, names_of
 
 MAP = "place"
+PROTOBUF = "application/x-protobuf"
 LOCALIZE = f"/v1/maps/{MAP}/localize"
+
+
+def target_dir():
+    metadata = subprocess.run(["cargo", "metadata", "--format-version", "1", "--no-deps"], cwd=ROOT, check=True,
+                              capture_output=True, text=True).stdout
+    return pathlib.Path(json.loads(metadata)["target_directory"])
+
+
+def data_folder():
+    data = os.environ.get("VEILOC_DATA")
+    if not data:
+        sys.exit("set VEILOC_DATA to the folder of the real images")
+    return pathlib.Path(data).resolve()
+
+
+def camera_of(folder):
+    """The first camera of a place, with commas."""
+    lines = (folder / "posed" / "cameras.txt").read_text().splitlines()
+    return ",".join(next(line for line in lines if line and not line.startswith("#")).split()[1:])
+
+
+class Program:
+    """The program and a temporary folder."""
+
+    def __init__(self, veiloc=None):
+        target = target_dir()
+        self.target, self.veiloc = target, pathlib.Path(veiloc or target / "release" / "veiloc").resolve()
+        if not self.veiloc.exists():
+            sys.exit("build the program first: cargo build --release -p veiloc-cli")
+        self.work = pathlib.Path(tempfile.mkdtemp(prefix="veiloc-service-"))
+
+    def run(self, *arguments):
+        subprocess.run([self.veiloc, "--quiet", *map(str, arguments)], check=True, stdout=subprocess.DEVNULL)
+
+    def can_use(self, made, cached_map):
+        """Whether a cache is complete, `made` being its last file, and the program opens its map."""
+        if not made.exists():
+            return False
+        return subprocess.run([self.veiloc, "map", "info", cached_map], capture_output=True).returncode == 0
+
+    def tokens(self, names, path=None):
+        """Writes a token file; the token of `phone` is `token-of-phone`. Names with `!` are operators."""
+        path = path or self.work / "tokens"
+        lines = []
+        for name in names:
+            role = " operator" if name.endswith("!") else ""
+            name = name.rstrip("!")
+            lines.append(f"{name} {hashlib.sha256(token(name).encode()).hexdigest()}{role}\n")
+        path.write_text("".join(lines))
+        return path
+
+    def options(self):
+        """All options of this build."""
+        help_text = subprocess.run([self.veiloc, "serve", "--help"], check=True, capture_output=True, text=True).stdout
+        return set(re.findall(r"--[a-z-]+", help_text))
+
+
+class RedKitchen(Program):
+    """Maps of RedKitchen, and sealed queries of an image that is not in them, and of another place."""
+
+    def __init__(self, veiloc=None):
+        super().__init__(veiloc)
+        cache = self.target / "service-place"
+        self.map, self.smaller, away = cache / "place.vmap", cache / "smaller.vmap", cache / "away.vquery"
+        if not self.can_use(away, self.map):
+            self.make(cache)
+        self.query, self.large, self.away = ((cache / f"{name}.vquery").read_bytes() for name in ("query", "large", "away"))
+
+    def make(self, cache):
+        cache.mkdir(parents=True, exist_ok=True)
+        kitchen = data_folder() / "redkitchen"
+        names = names_of(kitchen / "map.txt")
+        self.run("map", "build", "--posed", kitchen / "posed", "--images", kitchen / "images", "--list",
+                 kitchen / "map.txt", "--query-keypoints", "4096", "-o", self.map)
+        # Without every second image: another file with the same vocabulary and profile.
+        self.run("map", "remove", self.map, *names[1::2], "-o", self.smaller)
+        self.run("map", "profile", self.map, "-o", cache / "profile")
+        camera = camera_of(kitchen)
+        photo = kitchen / "images" / names_of(kitchen / "query.txt")[0]
+        for name, keypoints in (("query.vquery", 1024), ("large.vquery", 4096)):
+            self.run("seal", photo, "--camera", camera, "--profile", cache / "profile", "--scheme", "dcl",
+                     "--max-keypoints", str(keypoints), "-o", cache / name)
+        # An image of another place.
+        away = data_folder() / "herzjesu"
+        self.run("seal", away / "images" / names_of(away / "query.txt")[0], "--camera", "unknown", "--profile",
+                 cache / "profile", "--scheme", "dcl", "--max-keypoints", "512", "-o", cache / "away.vquery")
+
+
+class RenderedScene(Program):
+    """The map of the rendered demo scene, and a sealed query of an image that is not in it. Needs no data."""
+
+    def __init__(self, veiloc=None):
+        super().__init__(veiloc)
+        cache = self.target / "service-rendered"
+        self.map, query = cache / "place.vmap", cache / "query.vquery"
+        if not self.can_use(query, self.map):
+            cache.mkdir(parents=True, exist_ok=True)
+            self.run("demo", "--out", cache)
+            camera = camera_of(cache)
+            self.run("map", "profile", self.map, "-o", cache / "profile")
+            self.run("seal", cache / "images" / "query-00.png", "--camera", camera, "--profile", cache / "profile",
+                     "-o", query)
+        self.query = query.read_bytes()
+
+
+def token(name):
+    return f"token-of-{name}"
+
+
+class Server:
+    """`veiloc serve` on a free loopback port; the log goes to a file unless `stderr` is given."""
+
+    def __init__(self, scene, *more, maps=None, stderr=None, port=None, rate=1000000, quantum=False):
+        self.port = port or free_port()
+        self.known = scene.options()
+        self.admin = free_port() if "--admin-listen" in self.known else None
+        maps = maps if maps is not None else ["--map", f"place={scene.map}"]
+        command = [scene.veiloc, "serve", *maps, "--listen", f"127.0.0.1:{self.port}", "--rate", str(rate)]
+        command += ["--admin-listen", f"127.0.0.1:{self.admin}"] if self.admin else []
+        if "--answer-quantum" in self.known and not quantum:
+            command += ["--answer-quantum", "0"]
+        self.log_path = scene.work / f"server-{self.port}.log"
+        self.process = subprocess.Popen([*map(str, command), *map(str, more)], stderr=stderr or open(self.log_path, "w"))
+        wait_for(lambda: self.process.poll() is not None or connects(self.port), "the service")
+        if self.process.poll() is not None:
+            sys.exit(f"the service ended with {self.process.returncode}: {self.log()}")
+
+    def log(self):
+        return self.log_path.read_text(errors="replace") if self.log_path.exists() else ""
+
+    def alive(self):
+        return self.process.poll() is None
+
+    def stop(self, how=signal.SIGTERM, timeout=60):
+        """Sends a signal; returns the exit code, or None when the process had to be killed."""
+        if self.alive():
+            self.process.send_signal(how)
+        try:
+            return self.process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+            return None
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        return listener.getsockname()[1]
+
+
+def connects(port):
+    try:
+        socket.create_connection(("127.0.0.1", port), timeout=1).close()
+        return True
+    except OSError:
+        return False
+
+
+def wait_for(condition, what, timeout=60.0, pause=0.01):
+    deadline = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > deadline:
+            sys.exit(f"timeout while waiting for {what}")
+        time.sleep(pause)
+
+
+def ask(port, path="/healthz", body=None, user=None, timeout=20.0, method=None):
+    """Sends one request on a new connection; returns status, body and headers, with status None when there was no answer."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=timeout)
+    headers = {"authorization": f"Bearer {token(user)}"} if user else {}
+    if body is not None:
+        headers["content-type"] = PROTOBUF
+    try:
+        connection.request(method or ("GET" if body is None else "POST"), path, body, headers)
+        response = connection.getresponse()
+        return response.status, response.read(), dict(response.getheaders())
+    except (OSError, http.client.HTTPException):
+        return None, b"", {}
+    finally:
+        connection.close()
+
+
+def pose(body):
+    """The answer without its times; it must be equal for equal queries."""
+    answer = json.loads(body)
+    answer.pop("ms", None)
+    return json.dumps(answer, sort_keys=True)
+
+
+def in_threads(count, work):
+    """Starts `work(i)` in `count` threads; returns the threads."""
+    threads = [threading.Thread(target=work, args=(i,), daemon=True) for i in range(count)]
+    for thread in threads:
+        thread.start()
+    return threads
+
+
+def arguments(doc):
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--veiloc", help="the program to test (default: the release build of this repository)")
+    parser.add_argument("--data", action=DataFolder, help="folder of the real photographs (default: VEILOC_DATA)")
+    return parser
+
+
+class DataFolder(argparse.Action):
+    """Sets VEILOC_DATA, which this process and its children read."""
+
+    def __call__(self, parser, options, value, name=None):
+        os.environ["VEILOC_DATA"] = value
+        setattr(options, self.dest, value)
 
 
 class Part:
@@ -237,10 +451,9 @@ class ClusterScene(Program):
             (cache / "done").touch()
         self.queries = [path.read_bytes() for path in sorted(cache.glob("*.vquery"))]
 
-    def seal(self, cache, images, posed):
+    def seal(self, cache, images, folder):
         self.run("map", "profile", self.map, "-o", cache / "profile")
-        lines = (posed / "cameras.txt").read_text().splitlines()
-        camera = ",".join(next(line for line in lines if not line.startswith("#")).split()[1:])
+        camera = camera_of(folder)
         for i, image in enumerate(images):
             self.run("seal", image, "--camera", camera, "--profile", cache / "profile", "--max-keypoints", 1024, "-o",
                      cache / f"{i:02}.vquery")
@@ -255,16 +468,13 @@ class Kitchen(ClusterScene):
         super().__init__(veiloc, "cluster-kitchen", 12)
 
     def make(self, cache, count):
-        data = os.environ.get("VEILOC_DATA")
-        if not data:
-            sys.exit("set VEILOC_DATA to the folder of the real images, or give --rendered")
-        kitchen = pathlib.Path(data).resolve() / "redkitchen"
-        names = first_words(kitchen / "map.txt")
+        kitchen = data_folder() / "redkitchen"
+        names = names_of(kitchen / "map.txt")
         self.run("map", "build", "--posed", kitchen / "posed", "--images", kitchen / "images", "--list",
                  kitchen / "map.txt", "-o", self.map)
         self.run("map", "remove", self.map, *names[1::2], "-o", self.smaller)
-        images = [kitchen / "images" / name for name in first_words(kitchen / "query.txt")[:count]]
-        self.seal(cache, images, kitchen / "posed")
+        images = [kitchen / "images" / name for name in names_of(kitchen / "query.txt")[:count]]
+        self.seal(cache, images, kitchen)
 
 
 class Rendered(ClusterScene):
@@ -280,21 +490,14 @@ class Rendered(ClusterScene):
         # Removes files of an interrupted run.
         shutil.rmtree(room, ignore_errors=True)
         self.run("synth", "city", "--rooms", 1, "--map-views", 24, "--query-views", count, "--width", 480, "--out", room)
-        names = first_words(room / "map.txt")
+        names = names_of(room / "map.txt")
         self.run("map", "build", "--posed", room / "posed", "--images", room / "images", "--list", room / "map.txt",
                  "--max-keypoints", 1024, "-o", self.map)
         self.run("map", "remove", self.map, *names[1::2], "-o", self.smaller)
-        self.seal(cache, [room / "images" / name for name in first_words(room / "query.txt")], room / "posed")
-
-
-def load_scene(args):
-    return Rendered(args.veiloc) if args.rendered else Kitchen(args.veiloc)
+        self.seal(cache, [room / "images" / name for name in names_of(room / "query.txt")], room)
 
 
 def counter(text, name, labels=""):
     """Value of a metric in the exported text; 0 when it is missing."""
     start = f"{name}{{{labels}}} " if labels else f"{name} "
     return sum(float(line.rsplit(" ", 1)[1]) for line in text.splitlines() if line.startswith(start))
-
-
-__all__ = ["Clients", "Cluster", "Part", "Server", "arguments", "ask", "counter", "header", "load_scene", "percentile", "row", "run_in_turns", "wait_for"]

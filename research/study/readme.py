@@ -1,20 +1,11 @@
-#!/usr/bin/env python3
-"""Draws the animated image of the README: half-lines leave a device, and a pose comes back.
+"""The animated image of the README: half-lines leave a device, and a pose comes back."""
 
-    python -m venv .venv && .venv/bin/pip install ./bindings/python numpy pillow
-    veiloc demo --out out/demo
-    .venv/bin/python research/study/animation.py out/demo docs/images/query.gif
-
-All that is drawn comes from a run: the keypoints of a query image of the demo, the half-lines with which they are replaced, the map's
-points, and the answer of the map to the sealed query with its ±.
-"""
-
-import argparse
 from pathlib import Path
 
-import numpy as np
-import veiloc
-from PIL import Image, ImageDraw, ImageFont
+from study.common import ROOT, Package, command
+
+np, veiloc = Package("numpy"), Package("veiloc")
+Image, ImageDraw, ImageFont = Package("PIL.Image"), Package("PIL.ImageDraw"), Package("PIL.ImageFont")
 
 WIDTH, HEIGHT = 960, 414
 SAVED = 760, 328
@@ -67,15 +58,16 @@ class Scene:
         return np.stack([x, y], 1)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("demo", type=Path, help="folder that `veiloc demo` wrote")
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--query", default="query-01.png")
-    args = parser.parse_args()
-    place = veiloc.Map.open(args.demo / "place.vmap")
-    model = veiloc.ColmapModel.open(args.demo / "posed")
-    file, camera = args.demo / "images" / args.query, model.camera(args.query)
+@command(demo=("out/demo", "folder that `veiloc demo` wrote"), query="query-01.png", into=str(ROOT / "docs/images/query.gif"))
+def animation(run):
+    """Draws docs/images/query.gif.
+
+    All that is drawn comes from a run: the keypoints of a query image of the demo, the half-lines with which they are replaced, the map's
+    points, and the answer of the map to the sealed query with its ±. Needs the packages veiloc, numpy and pillow."""
+    demo, out = Path(run.demo), Path(run.into)
+    place = veiloc.Map.open(demo / "place.vmap")
+    model = veiloc.ColmapModel.open(demo / "posed")
+    file, camera = demo / "images" / run.query, model.camera(run.query)
     query = veiloc.seal(file, camera, place.profile)
     answer = place.localize(query)
     image = Image.open(file).convert("RGB")
@@ -158,9 +150,5 @@ def main():
         both.paste(of, (0, i * SAVED[1]))
     palette = both.quantize(48)
     flat = [f.quantize(palette=palette, dither=Image.Dither.NONE) for f in frames]
-    flat[0].save(args.out, save_all=True, append_images=flat[1:], duration=130, loop=0, optimize=True)
-    print(f"{args.out}: {len(frames)} frames, {args.out.stat().st_size / 1000:.0f} kB; {args.query}: {answer.state}, ± {answer.position_sd:.4f}")
-
-
-if __name__ == "__main__":
-    main()
+    flat[0].save(out, save_all=True, append_images=flat[1:], duration=130, loop=0, optimize=True)
+    print(f"{out}: {len(frames)} frames, {out.stat().st_size / 1000:.0f} kB; {run.query}: {answer.state}, ± {answer.position_sd:.4f}")

@@ -1,21 +1,16 @@
-#!/usr/bin/env python3
-"""Regions the shape of people, for `veiloc attack --private-masks`: ellipses, silhouettes of one parametric shape, and people
-cut out of photographs.
+"""Regions the shape of people, for `veiloc attack --private-masks`: ellipses, silhouettes of one parametric shape, and people cut out of
+photographs."""
 
-    research/study/person_regions.py --photos $VEILOC_DATA/training-photos --network selfie_segmentation.tflite --out people
+from __future__ import annotations
 
-finds the masks of the people in the photographs of PEOPLE and writes each person with transparent surroundings. The network is
-MediaPipe's person segmentation (Apache-2.0), run by `ai-edge-litert`; the boxes were found by YOLO11n.
-`research/study/private_rows.py persons` puts these people, and the other regions, into queries.
-"""
-
-import argparse
 import math
 import random
 from pathlib import Path
 
-import numpy as np
-from PIL import Image, ImageDraw
+from study.common import Package, command
+
+PAGE = "privacy"
+np, Image, ImageDraw = Package("numpy"), Package("PIL.Image"), Package("PIL.ImageDraw")
 
 # Height of a region over the image's.
 HEIGHTS = (0.3, 0.6)
@@ -88,10 +83,14 @@ def pasted(image: Image.Image, people: list[Path], draw: random.Random) -> tuple
     return shown, mask
 
 
-def cut_out(photos: Path, network: Path, out: Path):
-    from ai_edge_litert.interpreter import Interpreter
+@command(photos=("", "folder of the photographs (default: training-photos of the data)"), network="selfie_segmentation.tflite",
+         into=("people", "folder of the people"))  # fmt: skip
+def people(run):
+    """Cuts the people out of the photographs of PEOPLE, with transparent surroundings, for `persons` and `person-defences`.
 
-    interpreter = Interpreter(str(network))
+    The network is MediaPipe's person segmentation (Apache-2.0), run by `ai-edge-litert`; the boxes were found by YOLO11n."""
+    photos, out = Path(run.photos or run.place("training-photos")), Path(run.into)
+    interpreter = Package("ai_edge_litert.interpreter").Interpreter(run.network)
     interpreter.allocate_tensors()
     given, found = interpreter.get_input_details()[0]["index"], interpreter.get_output_details()[0]["index"]
     out.mkdir(parents=True, exist_ok=True)
@@ -128,16 +127,3 @@ def largest(mask: np.ndarray) -> np.ndarray:
                     left.append(at)
         best = max(best, (found, number))
     return label == best[1]
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--photos", type=Path, required=True)
-    parser.add_argument("--network", type=Path, required=True)
-    parser.add_argument("--out", type=Path, required=True)
-    args = parser.parse_args()
-    cut_out(args.photos, args.network, args.out)
-
-
-if __name__ == "__main__":
-    main()
