@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Checks real answers of the service against its OpenAPI description.
 
-    scripts/service/openapi_check.py [--veiloc PROGRAM]
+    scripts/openapi_check.py [--veiloc PROGRAM]
 
 Starts `veiloc serve` with a rendered scene, fetches `/v1/openapi.json`, and fails when
 
@@ -26,7 +26,7 @@ import sys
 import tempfile
 import time
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "research"))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "research"))
 
 from study.loopback import LOCALIZE, PROTOBUF, RenderedScene, Server, arguments, ask, in_threads, token  # noqa: E402
 
