@@ -16,6 +16,7 @@ from pathlib import Path
 from study.common import ROOT, SCENES, Package, child_seconds, cm, command, names_of, one_thread
 from study.extractors import Colmap, OpenCv, Ours, Wasm, agreement, mutual_matches, warp, warps
 from study.geometry import angle, read_posed
+from study.training import held_out
 from study.trust import stress_table
 
 np, cv2, pycolmap, Image, onnxruntime = (Package(name) for name in ("numpy", "cv2", "pycolmap", "PIL.Image", "onnxruntime"))
@@ -63,14 +64,12 @@ def learned_stress(run):
     stress_table(run, "features/learned-stress.csv", "--features", STRESSED)
 
 
-def held_out(run, kind: str) -> Path:
+def folds(run, kind: str) -> Path:
     """Folder of the matches of map images, each held out of its own map."""
     folder = run.kept() / f"folds-{kind}"
     if not folder.exists():
         partial = folder.with_suffix(".partial")
-        environment = dict(os.environ, VEILOC_DATA=str(run.place("")), VEILOC=str(run.veiloc))
-        script = [ROOT / "scripts/training_problems.sh", partial, kind, "--query-keypoints", "1024"]
-        subprocess.run(script, check=True, env=environment, stdout=subprocess.DEVNULL)
+        held_out(run, kind, partial, ["--query-keypoints", 1024])
         partial.rename(folder)
     return folder
 
@@ -88,7 +87,7 @@ def compact(run):
         for rows in zip(*found) if place == "redkitchen" else ():
             cost.add([rows[0]["scheme"], *(row["sealed_bytes"] for row in rows), *(f"{row['median_ms']['match']:.1f}" for row in rows)])
     for scene, place in [*SCENES.items(), ("Lund door", "lund-door")]:
-        files = [held_out(run, kind) / f"{place}.jsonl.gz" for kind in kinds]
+        files = [folds(run, kind) / f"{place}.jsonl.gz" for kind in kinds]
         found = [run.document("eval", "pose", file, "--schemes", "points,dcl")["schemes"] for file in files]
         table.add([f"{scene}, folds, {found[0][0]['queries']}", *compared(found)])
 
@@ -361,14 +360,6 @@ def network_speed(run):
                 others += [name] if share < SAME_SHARE else []
     if others:
         sys.exit(f"the engines find different keypoints: {', '.join(others)}")
-
-
-@command("features/projection.csv", needs=NETWORKS, features="sift,xfeat,alike-t")
-def projection(run):
-    """Projections of descriptors to fewer numbers, as scripts/train_compact.py trains them."""
-    write = ["--csv", run.out / "features/projection.csv"] if run.out else []
-    subprocess.run([sys.executable, ROOT / "scripts/train_compact.py", "--images", run.place("training-photos"), "--veiloc", run.veiloc,
-                    "--features", run.features, *write], check=True)  # fmt: skip
 
 
 @command("features/seal-frame.csv", needs="tools for phones", frame=("FRAME.pgm", "a gray frame of 1280 x 720"),
