@@ -291,7 +291,8 @@ def merges(run):
 
         def build(file, images):
             write_posed(kept / file.stem, images)
-            run.run("map", "build", "--quiet", "--images", folder / "images", "--work", kept / "work", "--posed", kept / file.stem, "-o", file)
+            run.run("map", "build", "--quiet", "--images", folder / "images", "--work", kept / "work", "--posed", kept / file.stem, "-o",
+                    file)  # fmt: skip
 
         build(whole, {name: known[name] for name in names})
         build(first, {name: known[name] for name in halves[0]})
@@ -359,7 +360,8 @@ def with_gps(jpeg, place):
         return int(angle), int(rest), round((rest % 1) * 60, 6)
 
     exif = Image.Exif()
-    exif[0x8825] = {1: "NS"[latitude < 0], 2: dms(latitude), 3: "EW"[longitude < 0], 4: dms(longitude), 5: b"\0", 6: round(height, 3)}
+    exif[0x8825] = {1: "S" if latitude < 0 else "N", 2: dms(latitude), 3: "W" if longitude < 0 else "E", 4: dms(longitude), 5: b"\0",
+                    6: round(height, 3)}  # fmt: skip
     data = exif.tobytes()
     if not data.startswith(b"Exif"):
         data = b"Exif\0\0" + data
