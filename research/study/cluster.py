@@ -516,7 +516,8 @@ def cluster_throughput(run):
         done = len([1 for started, lasted in clients.times if begin <= started + lasted < end])
         clients.stop()
         table.add([workers, f"{done / (end - begin):.1f}"])
-        print(f"  {took / (end - begin):.2f} busy threads, {done / took:.1f} answers per busy second, {took / (end - begin) / os.cpu_count():.2f} "
+        busy_threads = took / (end - begin)
+        print(f"  {busy_threads:.2f} busy threads, {done / took:.1f} answers per busy second, {busy_threads / os.cpu_count():.2f} "
               f"of all processors, {histogram_mean(metrics(cluster), 'veiloc_cluster_regions'):.2f} regions per query")  # fmt: skip
         cluster.stop()
         points.append({"workers": workers, "clients": 2 * workers + 2, "rate": round(done / (end - begin), 1)})

@@ -236,7 +236,8 @@ CONTRAST = (0.012, "OpenCV's contrast threshold")
 
 
 @command("features/sift-speed.csv", needs="the target wasm32-unknown-unknown, and node", images=([FRAME], "images of the data"), keypoints=2048,
-         contrast=CONTRAST, rounds=8, native=(False, "without WebAssembly"), extract=([], "builds of the example `extract`, in place of this one"))  # fmt: skip
+         contrast=CONTRAST, rounds=8, native=(False, "without WebAssembly"),
+         extract=([], "builds of the example `extract`, in place of this one"))  # fmt: skip
 def sift_speed(run):
     """Our SIFT beside OpenCV's: time with one thread each, in alternating rounds, and repeatability.
 
@@ -399,7 +400,8 @@ def vectors(run, model: str, paths: list[Path], words: list[Path]) -> np.ndarray
             (folder_of(run) / name).write_text("".join(f"{path}\n" for path in content))
         how = ["vlad", folder_of(run) / "words", folder_of(run) / "list"] if model == "vlad" else [model, "vectors", folder_of(run) / "list"]
         environment = dict(os.environ, VEILOC_MODELS=str(Path(run.weights or run.place("../weights"))))
-        output = subprocess.run([run.example("veiloc-features", "globals"), *how, out], check=True, env=environment, capture_output=True, text=True).stdout
+        command = [run.example("veiloc-features", "globals"), *how, out]
+        output = subprocess.run(command, check=True, env=environment, capture_output=True, text=True).stdout
         (folder_of(run) / f"{model}.log").write_text(output)
     all_ = np.fromfile(out, np.float32).reshape(len(paths), -1)
     if model != "vlad":
@@ -485,7 +487,8 @@ def explained_variance(targets: np.ndarray, predicted: np.ndarray) -> float:
     return float(1 - ((targets - predicted) ** 2).sum() / ((targets - targets.mean(0)) ** 2).sum())
 
 
-@command("features/global.csv", "features/global-leak.csv", photos=480, weights=("", "folder of the network files (default: weights beside the data)"))
+@command("features/global.csv", "features/global-leak.csv", photos=480,
+         weights=("", "folder of the network files (default: weights beside the data)"))  # fmt: skip
 def global_(run):
     """Retrieval quality of global descriptors, and what they reveal beyond the rows of a query.
 

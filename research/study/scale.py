@@ -228,7 +228,8 @@ def drawn_scenes(images: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @command("scale/usearch.csv", needs="an hour of one map", sizes="10000,100000,1000000",
-         usearch_up_to=(100_000, "run usearch only up to this size"), drawn=(0, "drawn scenes with this number of images in place of a map's"))  # fmt: skip
+         usearch_up_to=(100_000, "run usearch only up to this size"),
+         drawn=(0, "drawn scenes with this number of images in place of a map's"))  # fmt: skip
 def usearch(run):
     """The retrieval index of large maps beside usearch (HNSW), on the same global descriptors and queries.
 
