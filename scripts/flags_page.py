@@ -1,22 +1,16 @@
 #!/usr/bin/env python3
-"""Writes docs/reference/flags.md: the help of every command, as the program prints it. Standard library only.
+"""Prints the help of every command of a program as one page of Markdown, for the archive of a release. Standard library only.
 
-    cargo build --workspace
-    scripts/flags_page.py target/debug/veiloc            write the page
-    scripts/flags_page.py target/debug/veiloc --check    fail when the page is not what the program says
+    scripts/flags_page.py target/release/veiloc > flags.md
 """
 
-import argparse
 import re
 import subprocess
 import sys
-from pathlib import Path
 
-PAGE = Path(__file__).resolve().parent.parent / "docs/reference/flags.md"
 HEAD = """# Commands and flags
 
 The help of every command, as `veiloc COMMAND --help` prints it.
-`scripts/flags_page.py` writes this page; do not edit it.
 """
 
 
@@ -39,17 +33,5 @@ def sections(program: str, command: list[str]) -> list[str]:
     return own + [part for name in commands_in(text) for part in sections(program, [*command, name])]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("veiloc", help="the program, built with the whole workspace")
-    parser.add_argument("--check", action="store_true", help="compare instead of writing")
-    arguments = parser.parse_args()
-    page = HEAD + "".join(sections(arguments.veiloc, []))
-    if not arguments.check:
-        PAGE.write_text(page)
-    elif not PAGE.exists() or PAGE.read_text() != page:
-        sys.exit(f"{PAGE} is not what {arguments.veiloc} says; run {sys.argv[0]} {arguments.veiloc}")
-
-
 if __name__ == "__main__":
-    main()
+    print(HEAD + "".join(sections(sys.argv[1], [])), end="")

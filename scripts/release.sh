@@ -52,9 +52,8 @@ program() {
         bindings/web/build.sh "$work/$name"
         strip "$work/$name/veiloc"
         # The help of all commands, and which command made which table of docs/results.
-        python3 scripts/flags_page.py "$work/$name/veiloc"
-        mv docs/reference/flags.md "$work/$name"
-        { printf '# Where do the figures come from?\n\n'; python3 scripts/result_tables.py --print docs/results/figures.csv; } > "$work/$name/figures.md"
+        python3 scripts/flags_page.py "$work/$name/veiloc" > "$work/$name/flags.md"
+        { printf '# Where do the figures come from?\n\n'; python3 research/study tables --print docs/results/figures.csv; } > "$work/$name/figures.md"
         tar -czf "$out/$name.tar.gz" -C "$work" --owner=0 --group=0 "$name"
     fi
     unpacked

@@ -2,7 +2,7 @@
 //!
 //! `cargo bench -p veiloc-benches --bench extraction`. The reference is the portable version of the kernels. All
 //! versions are checked to give the same bits before they are timed; the ratios of their best times are printed first.
-//! For a comparison with OpenCV see `scripts/bench_sift.py`.
+//! For a comparison with OpenCV see `study features sift-speed`.
 #![expect(clippy::print_stdout, reason = "a benchmark prints its results")]
 
 use std::{hint::black_box, sync::LazyLock, time::Instant};

@@ -6,7 +6,7 @@
 //! the memory in addition to the descriptors.
 //!
 //! Global descriptors are random, in scenes of ten images whose descriptors agree by a third to a half, as those of
-//! rooms and facades do. `veiloc eval retrieval` measures the index on real descriptors, and `scripts/bench_search.py`
+//! rooms and facades do. `veiloc eval retrieval` measures the index on real descriptors, and `study scale usearch`
 //! compares it with usearch (HNSW) on them.
 #![expect(clippy::print_stdout, reason = "a benchmark prints its results")]
 

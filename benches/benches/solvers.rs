@@ -5,7 +5,7 @@
 //! ```
 //!
 //! Each iteration solves another of 8192 samples, so that branches stay unpredictable. For a comparison with PoseLib
-//! see `scripts/bench_poselib.py`.
+//! see `study poses solvers`.
 
 use std::cell::Cell;
 

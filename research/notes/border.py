@@ -20,7 +20,7 @@ The same network then answers for images of mapped places at their own size (map
 shares. With --keypoints the positions are written for `veiloc attack` too, whose guess shows what an empty margin gives.
 
     cargo build --release -p veiloc-obfuscation --example sent_rows
-    python3 -m venv .venv && .venv/bin/pip install -r scripts/requirements.txt
+    python3 -m venv .venv && .venv/bin/pip install -r research/requirements.txt
     .venv/bin/python research/notes/border.py --sent-rows target/release/examples/sent_rows --data $VEILOC_DATA
 """
 

@@ -26,10 +26,10 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "scripts"))
+sys.path.insert(0, str(ROOT / "research"))
 
-from log_plot import LogPlot, page  # noqa: E402
-from places import write_csv  # noqa: E402
+from study.log_plot import LogPlot, page  # noqa: E402
+from study.common import write_csv  # noqa: E402
 
 # Where the other places lie in the city's world, metres: far from its rooms and from each other.
 ASIDE = {"redkitchen": (-1000.0, 0.0, 0.0), "herzjesu": (0.0, -1000.0, 0.0)}

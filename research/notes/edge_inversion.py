@@ -13,7 +13,7 @@
 - make: applies the network.
 - judge: the metrics of `veiloc eval inversion`, for edge images as they are and for what the network makes of them.
 
-Edge images are those of `scripts/edge_images.py`, of images scaled to 512 pixels. Needs OpenCV, and `judge` scikit-image and
+Edge images are those of `study privacy edges`, of images scaled to 512 pixels. Needs OpenCV, and `judge` scikit-image and
 ONNX Runtime.
 """
 
@@ -30,9 +30,10 @@ import torch
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "research/train"), str(ROOT / "scripts")]
+sys.path[:0] = [str(ROOT / "research/train"), str(ROOT / "research")]
 
-from edge_images import THRESHOLDS, names_of  # noqa: E402
+from study.common import names_of  # noqa: E402
+from study.privacy import THRESHOLDS  # noqa: E402
 from veiloc_train import loop  # noqa: E402
 from veiloc_train.inversion import Loss, grid_size, window  # noqa: E402
 from veiloc_train.models import inversion, parameters  # noqa: E402

@@ -8,7 +8,7 @@
     research/notes/scale_model.py --plot FILE.svg            the table drawn, on log axes
     research/notes/scale_model.py --set pose_ms=25 …         with other constants
 
-Standard library only (and scripts/log_plot.py); equal seeds give equal tables. The model is a simulation by events. A machine has processors and threads
+Standard library only (and `study`); equal seeds give equal tables. The model is a simulation by events. A machine has processors and threads
 that localize; a query waits for a thread, first come first served, and busy threads share the processors equally. A query goes
 to the index (one search), then to its regions, then home; messages take `road_ms` each way. Time of a pose is drawn from what
 was measured of single queries (`pose_spread`: factors of the median). A query that finds nothing is asked in as many regions as
@@ -25,14 +25,14 @@ import random
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from log_plot import COLOURS, LogPlot, page  # noqa: E402
-from places import write_csv  # noqa: E402
+from study.log_plot import COLOURS, LogPlot, page  # noqa: E402
+from study.common import write_csv  # noqa: E402
 
 CONSTANTS = {
-    # Processor time of a query of 1024 rows of RedKitchen that finds its pose, the camera calibrated: `scripts/service/answer_times.py
-    # --places redkitchen --images 29 --rounds 7 --max-keypoints 1024 --json`, the median of the least of each query's rounds.
+    # Processor time of a query of 1024 rows of RedKitchen that finds its pose, the camera calibrated: `study service answer-times
+    # --images 29 --rounds 7 --max-keypoints 1024 --json`, the median of the least of each query's rounds.
     "pose_ms": 33.0,
     # Factors of the median, equally likely.
     "pose_spread": [0.92, 0.94, 0.97, 1.0, 1.01, 1.04, 1.22],
@@ -52,7 +52,7 @@ CONSTANTS = {
     # A search among a million images through the index, and among a hundred thousand: `veiloc eval retrieval` (docs/results/scale.md).
     "search_ms_at_million": 1.37,
     "search_ms_at_hundred_thousand": 0.67,
-    # The gateway's work on a query: what a cluster's answer takes longer (4.6 ms, scripts/cluster/throughput.py) than its two messages and back do.
+    # The gateway's work on a query: what a cluster's answer takes longer (4.6 ms, study service cluster-throughput) than its two messages and back do.
     "gateway_ms": 2.6,
     # From gateway to worker or back, without work: `veiloc_cluster_round_trip_seconds`.
     "road_ms": 0.51,
@@ -60,7 +60,7 @@ CONSTANTS = {
     "regions_asked": 1.17,
     # The number of regions of each image: `veiloc map split`.
     "held": 1.45,
-    # Bytes an image: of a whole map, and packed at a twentieth (scripts/scale_tables.py compress).
+    # Bytes an image: of a whole map, and packed at a twentieth (study scale compress).
     "bytes_whole": 215_800,
     "bytes_packed": 10_800,
     # Of an image in the index: its codes and its signs.

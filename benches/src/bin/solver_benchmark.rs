@@ -4,7 +4,7 @@
 //! cargo run --release -p veiloc-benches --bin solver_benchmark -- --family N [--problems 100000] [--passes 3] [--out
 //! DIR] ```
 //!
-//! `scripts/bench_poselib.py` runs this program and PoseLib alternately on the same problems and evaluates both in the
+//! `study poses solvers` runs this program and PoseLib alternately on the same problems and evaluates both in the
 //! same way. With `--out` it writes `problems.f64` (per problem: the vectors of `size` bearings or lines, `size` map
 //! points, down in camera and world, true rotation row by row, true translation) and `poses.f64` (per pose: number of
 //! the problem, rotation, translation). Time is per problem, the sum over chunks of 500 of each chunk's fastest pass.

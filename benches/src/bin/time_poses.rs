@@ -1,4 +1,4 @@
-//! Times `estimate_pose` in Rust on the problems of a file, for `scripts/bench_python.py`.
+//! Times `estimate_pose` in Rust on the problems of a file, for `study poses python-calls`.
 //!
 //! ```text
 //! cargo run --release -p veiloc-benches --bin time_poses -- PROBLEMS.f64 CORRESPONDENCES

@@ -26,7 +26,7 @@ def exports():
 
 
 def drawn(width: int, height: int) -> np.ndarray:
-    """The image of `scripts/oracle_networks.py`."""
+    """The image of `research/oracles/networks.py`."""
     y, x = np.mgrid[:height, :width]
     a, b = x // 11, y // 13
     return (((a * 7 + b * 11 + (a ^ b) * 37) % 160 + (x * 7 + y * 13 + x * y) % 31 + x % 50) / 255).astype(np.float32)
@@ -88,7 +88,7 @@ def test_alike_dense_descriptors_equal_head_of_upsampled_levels(exports, monkeyp
 def test_superpoint_layers_match_the_reference(exports, monkeypatch, tmp_path):
     # Its detector head has invented weights, because no published ones may be used for tests.
     folder = weights("superpoint/superpoint_v1_encoder_desc.npz").parents[1]
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    monkeypatch.syspath_prepend(str(ROOT / "research/oracles"))
     from beside import superpoint_weights
 
     np.savez(tmp_path / "superpoint.npz", **superpoint_weights(folder))

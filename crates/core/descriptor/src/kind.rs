@@ -221,7 +221,7 @@ const UNMEASURED_PRIOR: MatchPrior = MatchPrior {
     full: model(3.66, -5.69, 0.28, 0.0),
 };
 
-/// Learned kinds, fitted on held-out map images of three places together (`scripts/fit_prior.py`). The length of tracks
+/// Learned kinds, fitted on held-out map images of three places together (`study features match-prior`). The length of tracks
 /// is left out: its effect differs between places. Distances between descriptors of one point were not measured.
 const fn learned(kind: DescriptorKind, ratio: PriorModel, ratio_votes: PriorModel) -> Measured {
     let prior = MatchPrior { ratio, ratio_votes, full: ratio_votes };
@@ -229,7 +229,7 @@ const fn learned(kind: DescriptorKind, ratio: PriorModel, ratio_votes: PriorMode
 }
 
 /// Projections of them, fitted in the same way. `same_point`: nearer than 99 % of the nearest keypoints of another
-/// image, as `scripts/train_compact.py` prints.
+/// image, as `study features projection` prints.
 const fn projected(
     kind: DescriptorKind,
     same_point: f64,
@@ -243,7 +243,7 @@ const fn projected(
 static MEASURED: &[Measured] = &[
     Measured {
         kind: DescriptorKind::ROOT_SIFT,
-        // Fitted by scripts/fit_prior.py; see veiloc_pose::prior for the data.
+        // Fitted by `study features match-prior`; see veiloc_pose::prior for the data.
         prior: MatchPrior {
             ratio: model(8.521, -12.493, 0.0, 0.0),
             ratio_votes: model(7.310, -11.384, 0.557, 0.0),
@@ -253,7 +253,7 @@ static MEASURED: &[Measured] = &[
     },
     Measured {
         kind: DescriptorKind::COMPACT,
-        // Fitted like RootSIFT's, on its own problems (`scripts/training_problems.sh FOLDER compact`).
+        // Fitted like RootSIFT's, on its own problems (`study features training-problems --features compact`).
         prior: MatchPrior {
             ratio: model(9.629, -13.448, 0.0, 0.0),
             ratio_votes: model(8.103, -12.039, 0.653, 0.0),

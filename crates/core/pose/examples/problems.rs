@@ -8,7 +8,7 @@
 //! Options: `--threshold UNITS/DEGREES`, `--hypotheses N` (exactly N; adaptive without), `--seeds N` runs per query,
 //! `--recipes a,b,…` of `points`, `lines`, `dcl`, each optionally with `:msac` or `:likelihood`, a solver (`:p6lp`,
 //! `:radial-vote`) and `+prior`, or `:floor` (refinement from the true pose on the right matches), `--prior
-//! OFFSET,RATIO,LOG_VOTES,LOG_TRACK_LENGTH` for other coefficients than the built-in ones (`scripts/fit_prior.py`
+//! OFFSET,RATIO,LOG_VOTES,LOG_TRACK_LENGTH` for other coefficients than the built-in ones (`study features match-prior`
 //! prints them), `--noise PX`, `--max-error PX`.
 #![expect(clippy::print_stdout, reason = "the table is the product")]
 

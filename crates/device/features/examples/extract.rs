@@ -1,4 +1,4 @@
-//! Extracts the features of images into raw files, for scripts/oracle_features.py and for timing.
+//! Extracts the features of images into raw files, for research/oracles/features.py and for timing.
 //!
 //! ```text
 //! extract [--max N] [--no-upsample] [--peak P] [--compact] [--repeat N] IMAGE OUT [IMAGE OUT]...

@@ -1,4 +1,4 @@
-//! Writes global descriptors of images, and layers of the first network, for scripts/global_descriptors.py.
+//! Writes global descriptors of images, and layers of the first network, for `study features global`.
 //!
 //! ```text
 //! globals MODEL|FILE.toml vectors LIST OUT

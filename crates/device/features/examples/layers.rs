@@ -1,4 +1,4 @@
-//! Runs a network on given numbers and writes its layers, and times it on an image, for scripts/oracle_networks.py.
+//! Runs a network on given numbers and writes its layers, and times it on an image, for research/oracles/networks.py.
 //!
 //! ```text
 //! layers MODEL|FILE.toml NETWORK_FILE run INPUT C H W OUT_DIR LAYER…

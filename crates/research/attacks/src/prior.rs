@@ -12,7 +12,7 @@
 //!   the image by the share [`TO_CENTER`].
 //! - **Known position:** the position itself.
 //!
-//! The shares are fitted on 240 photographs of other places (`scripts/fit_baseline.py`); they differ from ½ because
+//! The shares are fitted on 240 photographs of other places (`study privacy fit-baseline`); they differ from ½ because
 //! keypoints are not uniform over the image. [`expected_positions`] has the smallest mean squared error for uniform
 //! keypoints and is best for neither measure.
 

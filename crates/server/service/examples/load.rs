@@ -1,5 +1,5 @@
 //! Load test of a running service: requests per second and percentiles of the response time, by number of
-//! connections, as comma-separated values; `scripts/service/load.py` runs it.
+//! connections, as comma-separated values; `study service load` runs it.
 //!
 //! ```text
 //! veiloc serve --map place=place.vmap --rate 1000000 &

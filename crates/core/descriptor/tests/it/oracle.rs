@@ -1,4 +1,4 @@
-//! Matching and VLAD compared with NumPy: `scripts/oracle_matching.py` wrote `data/matching_oracle.json`.
+//! Matching and VLAD compared with NumPy: `research/oracles/matching.py` wrote `data/matching_oracle.json`.
 
 use serde::Deserialize;
 use veiloc_descriptor::{

@@ -1,4 +1,4 @@
-//! All of COLMAP's cameras compared with pycolmap (`scripts/oracle_cameras.py`).
+//! All of COLMAP's cameras compared with pycolmap (`research/oracles/cameras.py`).
 
 use std::collections::BTreeSet;
 

@@ -2,7 +2,7 @@
 //!
 //! A quarter of the bytes, with nearest neighbours that are right at least as often (`docs/results/features.md`). The
 //! projection keeps the directions in which descriptors of different points differ most relative to the differences
-//! within one point (linear discriminant analysis). `scripts/train_compact.py` trained it on warped out-of-map images.
+//! within one point (linear discriminant analysis). `study features projection` trained it on warped out-of-map images.
 //! [`Projection`] does the same for any other kind, such as those of networks.
 
 mod projection;

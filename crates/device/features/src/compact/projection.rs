@@ -5,7 +5,7 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, Encoding};
 /// Projects descriptors of one kind to a smaller kind.
 ///
 /// Number `i` of a descriptor `x` becomes `(Σ w[i, j] x[j] + o[i]) >> shift`, clipped to -8 to 7, where `x[j]` is the
-/// value of a byte. `scripts/train_compact.py` makes the weights. Integer arithmetic: equal descriptors give equal
+/// value of a byte. `study features projection` makes the weights. Integer arithmetic: equal descriptors give equal
 /// bytes on every machine.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Projection {
@@ -52,7 +52,7 @@ pub enum ProjectionError {
 }
 
 impl Projection {
-    /// Reads the output of `scripts/train_compact.py`: `[to, from]` weights, little endian `i16`, then `[to]` offsets,
+    /// Reads the output of `study features projection`: `[to, from]` weights, little endian `i16`, then `[to]` offsets,
     /// `i32`.
     ///
     /// - `shift`: the quantization step, as a power of two in units of the products.

@@ -38,7 +38,7 @@
 //! sight = 32                        # radius of a descriptor's window, pixels
 //!
 //! [projection]                      # of the descriptors to numbers of 4 bits; optional
-//! file = "mine.bin"                 # beside this file, from scripts/train_compact.py, or built in (`projections/`)
+//! file = "mine.bin"                 # beside this file, from `study features projection`, or built in (`projections/`)
 //! numbers = 48                      # dimension after the projection
 //! shift = 16                        # as in the script
 //! length = 299                      # of a projected vector, printed by the script

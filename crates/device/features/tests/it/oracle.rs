@@ -1,4 +1,4 @@
-//! Agreement with pycolmap and OpenCV on a synthetic image; `scripts/oracle_features.py --fixture` made the files.
+//! Agreement with pycolmap and OpenCV on a synthetic image; `research/oracles/features.py --fixture` made the files.
 
 use std::path::Path;
 

@@ -7,7 +7,7 @@
 //! | [`PerceptualDistance`] | ST-LPIPS: layers of a network, weighted by human judgements | from 0 for equal images |
 //! | [`Classifier`] | the class predicted by an ImageNet network | right or wrong |
 //!
-//! PSNR and SSIM agree with scikit-image to all printed digits (`scripts/oracle_judge.py`). The two networks are ONNX
+//! PSNR and SSIM agree with scikit-image to all printed digits (`research/oracles/image_metrics.py`). The two networks are ONNX
 //! files that the user provides; `scripts/export_onnx.py` exports them from their authors' files.
 #![forbid(unsafe_code)]
 

@@ -1,6 +1,6 @@
 //! Learned attacks: the networks' inputs and outputs, and files that are refused.
 //!
-//! The networks come from `scripts/tiny_networks.py`, which documents what each computes, and from
+//! The networks come from `research/oracles/tiny_networks.py`, which documents what each computes, and from
 //! `research/train/make_tiny.py`, with the outputs of PyTorch.
 
 use std::path::{Path, PathBuf};
@@ -138,7 +138,7 @@ fn positions_follow_network_output() {
     };
     let expected = ErrorSummary::of(&of_all(&posterior_median));
     assert!((found.errors.median_px - expected.median_px).abs() < 0.5, "{found:?} {expected:?}");
-    // The baseline: 0.58 of the probability lies before it, for bits 0.52 (scripts/fit_baseline.py).
+    // The baseline: 0.58 of the probability lies before it, for bits 0.52 (study privacy fit-baseline).
     let prior = ErrorSummary::of(&of_all(&|keypoint| HalfLine::new(keypoint, |_| 1.0).quantile(0.58)));
     assert!((found.prior.median_px - prior.median_px).abs() < 0.5, "{found:?} {prior:?}");
     let of_bits = of_all(&|keypoint| HalfLine::new(keypoint, |_| 1.0).quantile(0.52));

@@ -10,7 +10,7 @@ use veiloc_evaluation::inversion::{
 use veiloc_features::{Compact, Extractor, Sift};
 use veiloc_protocol::{ExtractionLimits, Scheme};
 
-/// Folder of the networks of `scripts/tiny_networks.py`.
+/// Folder of the networks of `research/oracles/tiny_networks.py`.
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../attacks/tests/data").join(name)
 }

@@ -8,7 +8,7 @@ use veiloc_testdata::real_data_test;
 use super::{ColmapFrame, ColmapModel, read_model, read_posed, write_binary, write_text};
 use crate::{MapError, PosedImages};
 
-/// Written by pycolmap, see `scripts/oracle_colmap.py`: the same model as text and as binary.
+/// Written by pycolmap, see `research/oracles/colmap.py`: the same model as text and as binary.
 fn fixture(format: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/colmap").join(format)
 }

@@ -17,7 +17,7 @@
 //! nor guessed, so salting or stretching would only cost time on every request. For the same reason the lookup from
 //! hash to token need not be constant-time: an attacker cannot choose the hashes of the tokens it tries. From the
 //! time it would learn at most a prefix of the hash of a valid token, from which the token does not follow. The time
-//! does not depend on the number of tokens (`scripts/service/many_tokens.py`).
+//! does not depend on the number of tokens (`study service tokens`).
 //!
 //! ```
 //! use veiloc_service::auth::{TokenEntry, Timestamp, Secret, TokenList};

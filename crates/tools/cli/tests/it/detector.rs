@@ -4,7 +4,7 @@ use super::common;
 
 use common::{CAMERA, TestScene, scene};
 
-/// Finds a person in the left half of any image (`scripts/oracle_detector.py`).
+/// Finds a person in the left half of any image (`research/oracles/detector.py`).
 fn detector(name: &str) -> String {
     format!("{}/../../device/features/tests/data/detector/{name}.onnx", env!("CARGO_MANIFEST_DIR"))
 }

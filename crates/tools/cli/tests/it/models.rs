@@ -4,7 +4,7 @@ use super::common;
 
 use common::{CAMERA, TestScene, scene};
 
-/// An analytic network, and its description (`scripts/oracle_networks.py`).
+/// An analytic network, and its description (`research/oracles/networks.py`).
 fn corners(ending: &str) -> String {
     format!("{}/../../device/features/tests/data/learned/corners.{ending}", env!("CARGO_MANIFEST_DIR"))
 }

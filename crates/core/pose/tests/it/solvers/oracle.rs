@@ -1,4 +1,4 @@
-//! Our solutions against those of PoseLib and of a brute-force scan, on the problems that `scripts/oracle_poses.py`
+//! Our solutions against those of PoseLib and of a brute-force scan, on the problems that `research/oracles/poses.py`
 //! wrote to `data/poselib.json`.
 
 use serde_json::Value;

@@ -1,4 +1,4 @@
-//! Detector files, invalid ones and one valid one; `scripts/oracle_detector.py` makes them.
+//! Detector files, invalid ones and one valid one; `research/oracles/detector.py` makes them.
 
 use std::path::PathBuf;
 

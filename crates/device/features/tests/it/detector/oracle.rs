@@ -1,4 +1,4 @@
-//! The boxes of a real detector file against those of another runtime (`scripts/oracle_detector.py`). Needs
+//! The boxes of a real detector file against those of another runtime (`research/oracles/detector.py`). Needs
 //! `VEILOC_DATA`, and beside it `weights/yolo/yolo11n_int8.onnx`, provided by the user.
 
 use std::path::Path;

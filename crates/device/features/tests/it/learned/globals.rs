@@ -1,4 +1,4 @@
-//! Global descriptors of networks: compared with ONNX Runtime (`scripts/global_descriptors.py`), under masks, with any
+//! Global descriptors of networks: compared with ONNX Runtime (`research/oracles/networks.py`), under masks, with any
 //! number of threads, and with invalid descriptions.
 
 use super::common;

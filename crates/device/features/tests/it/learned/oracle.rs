@@ -1,4 +1,4 @@
-//! Layers, keypoints and descriptors of XFeat compared with ONNX Runtime (`scripts/oracle_networks.py`). Needs
+//! Layers, keypoints and descriptors of XFeat compared with ONNX Runtime (`research/oracles/networks.py`). Needs
 //! `VEILOC_DATA`, and `weights/` beside it, provided by the user.
 
 use super::common;

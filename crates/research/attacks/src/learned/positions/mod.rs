@@ -162,7 +162,7 @@ mod tests {
 
     use super::*;
 
-    /// The network of `scripts/tiny_networks.py`: the logits depend on each bin's distance from the centre of a
+    /// The network of `research/oracles/tiny_networks.py`: the logits depend on each bin's distance from the centre of a
     /// field.
     #[test]
     fn posterior_is_prior_times_network_output() {

@@ -1,5 +1,5 @@
-//! Comparison with scikit-image (`scripts/oracle_judge.py`) on synthetic images, and networks of
-//! `scripts/tiny_networks.py`.
+//! Comparison with scikit-image (`research/oracles/image_metrics.py`) on synthetic images, and networks of
+//! `research/oracles/tiny_networks.py`.
 
 use std::path::{Path, PathBuf};
 

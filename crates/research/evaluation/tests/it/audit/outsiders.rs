@@ -9,7 +9,7 @@ use veiloc_descriptor::{DescriptorError, DescriptorKind, Descriptors, Encoding};
 use veiloc_evaluation::audit::{ATTACKS, Attack, AttackEvaluation, NeighbourSource, evaluate_attacks};
 use veiloc_geometry::Pixel;
 
-/// Folder of the networks of `scripts/tiny_networks.py`.
+/// Folder of the networks of `research/oracles/tiny_networks.py`.
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../attacks/tests/data/learned").join(name)
 }

@@ -45,7 +45,7 @@ pub(crate) struct Args {
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
     /// Folder for the global descriptors as NumPy files, for a comparison with other indexes
-    /// (`scripts/bench_search.py`): `searched.npy` of the largest size and `queries.npy`, int8, one row per image.
+    /// (`study scale usearch`): `searched.npy` of the largest size and `queries.npy`, int8, one row per image.
     #[arg(long, value_name = "DIR")]
     save: Option<OutFolder>,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! Reads posed images in the formats of other programs, as `scripts/pose_formats.py` writes them by the documentation of each,
+//! Reads posed images in the formats of other programs, as `research/oracles/pose_formats.py` writes them by the documentation of each,
 //! and compares them with the COLMAP model that it writes beside them.
 
 use std::fs;

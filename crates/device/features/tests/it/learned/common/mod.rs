@@ -83,7 +83,7 @@ pub(crate) fn synthetic_compact() -> Learned {
     synthetic_alike_in(&folder.path().join("own.toml"), &changes)
 }
 
-/// A network of ALIKE's architecture with few channels and weights from a formula (`scripts/tiny_networks.py`), for
+/// A network of ALIKE's architecture with few channels and weights from a formula (`research/oracles/tiny_networks.py`), for
 /// tests that need no real network.
 pub(crate) fn synthetic_alike(changes: &[(&str, &str)]) -> Learned {
     synthetic_alike_in(&models_folder().join("alike.toml"), changes)

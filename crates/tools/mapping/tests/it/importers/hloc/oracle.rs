@@ -1,4 +1,4 @@
-//! Reads files as h5py writes them for hloc (`scripts/oracle_hloc.py`), and files written here.
+//! Reads files as h5py writes them for hloc (`research/oracles/hloc.py`), and files written here.
 
 use std::path::{Path, PathBuf};
 
