@@ -44,14 +44,14 @@ def trust_of(queries: list[dict]) -> dict:
         moved, turned = query.get("translation_error"), query.get("rotation_error_deg")
         return moved is not None and moved <= 0.25 and turned <= 2
 
-    trusted = [q for q in queries if q["state"] == "trusted"]
+    trusted = [q for q in queries if q.get("state") == "trusted"]
     right = [q for q in queries if is_right(q)]
     moved = [q for q in trusted if q["center_error_over_sd"] > 3]
     turned = [q for q in trusted if q["rotation_error_deg"] > 3 * q["rotation_sd_deg"]]
     wrong = [q for q in trusted if not is_right(q)]
     return {
         "queries": len(queries), "trusted": len(trusted),
-        "right poses trusted (%)": f"{100 * sum(q['state'] == 'trusted' for q in right) / max(1, len(right)):.0f}",
+        "right poses trusted (%)": f"{100 * sum(q.get('state') == 'trusted' for q in right) / max(1, len(right)):.0f}",
         "trusted beyond 25 cm or 2°": len(wrong), "of these beyond 3 ±": sum(q in moved or q in turned for q in wrong),
         "trusted, centre beyond 3 ±": len(moved), "trusted, orientation beyond 3 ±": len(turned),
     }  # fmt: skip
@@ -66,14 +66,39 @@ def places(run):
     measured(run, run.table("places/places.csv", *COLUMNS), run.table("places/lost.csv", "place", "scheme", "lost", *STAGES))
 
 
-@command("places/before.csv", needs="a build of an earlier commit", **MEASURED)
-def before(run):
-    """The same by the program before decision 0042 (`--veiloc OLD`)."""
-    measured(run, run.table("places/before.csv", *COLUMNS))
-
-
 @command("places/alike.csv", needs="files of XFeat and ALIKE in VEILOC_MODELS", places=["llff-room", "fountain", "entry", "hololens-office"],
          schemes=["points", "dcl"], more="--features alike-t-compact")
 def alike(run):
     """The same with the compact features of a network."""
     measured(run, run.table("places/alike.csv", *COLUMNS))
+
+
+def by_recipe(run, document: dict, table, place: str, column: str, key: str):
+    """A row for each scheme and recipe of a document."""
+    for row in document["schemes"]:
+        queries = [q for q in document["queries"] if (q["scheme"], q[key]) == (row["scheme"], row[key])]
+        table.add({"place": place, column: row[key].split()[0]} | trust_of(queries), row)
+
+
+THRESHOLDS = ["--schemes", "points,dcl", "--thresholds", "0.05/5,0.25/2"]
+
+
+@command("places/gravity.csv", places=PLACES, wrong=(["hololens-office", "tum-fr1-rpy"], "places with wrong directions, too"))
+def gravity(run):
+    """With the direction of gravity as an accelerometer gives it, off by half a degree or one, and by 5° or 90° more than it says."""
+    table = run.table("places/gravity.csv", *COLUMNS[:2], "gravity ± (°), wrong by (°)", *COLUMNS[2:-1])
+    for place in run.places:
+        for how in ["0.5", "1"] + ["0.5,5", "0.5,90"] * (place in run.wrong):
+            document = run.document("eval", "scene", *run.scene(place), *THRESHOLDS, "--gravity", how)
+            # The row without gravity once.
+            document["schemes"] = [row for row in document["schemes"] if how == "0.5" or row["gravity"] != "none"]
+            by_recipe(run, document, table, place, "gravity ± (°), wrong by (°)", "gravity")
+
+
+@command("places/bursts.csv", places=["hololens-office", "tum-fr1-rpy", "redkitchen"], frames="1,2,3,5")
+def bursts(run):
+    """Frames of one walk together, with the odometry of a phone: 0.1° and 1 cm a step."""
+    table = run.table("places/bursts.csv", *COLUMNS[:2], "frames", *COLUMNS[2:-1])
+    for place in run.places:
+        document = run.document("eval", "rig", *run.scene(place), *THRESHOLDS, "--frames", run.frames, "--max-distance", 2)
+        by_recipe(run, document, table, place, "frames", "recipe")
