@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from study.common import ROOT, Package, command
+from study.tilt import ANCHORS
 
 np, veiloc = Package("numpy"), Package("veiloc")
 Image, ImageDraw, ImageFont = Package("PIL.Image"), Package("PIL.ImageDraw"), Package("PIL.ImageFont")
@@ -26,12 +27,11 @@ def ease(share):
 
 
 def segments_of(points, anchors, size):
-    """Half-lines of the paper's layout, clipped to the image: [N, 2, 2] pixels. Its anchors are in the middle of the upper and the
-    lower edge (crates/core/geometry/src/pencils/layout.rs)."""
-    places, ends = np.array([[size[0] / 2, 0], [size[0] / 2, size[1]]]), []
+    """Half-lines of the default layout, clipped to the image: [N, 2, 2] pixels."""
+    places, ends = size / 2 + np.array(ANCHORS) * size[1], []
     for point, anchor in zip(points, anchors):
         start = places[anchor]
-        along = start + np.linspace(0, np.hypot(*size) / np.linalg.norm(point - start), 4000)[:, None] * (point - start)
+        along = start + np.linspace(0, 3 * np.hypot(*size) / np.linalg.norm(point - start), 8000)[:, None] * (point - start)
         inside = along[np.all((along >= 0) & (along <= size), axis=1)]
         ends.append([inside[0], inside[-1]])
     return np.array(ends)
@@ -73,7 +73,7 @@ def animation(run):
     image = Image.open(file).convert("RGB")
     size = np.array(image.size, float)
     points = veiloc.extract(file, max_keypoints=SHOWN)["keypoints"]
-    anchors, _ = veiloc.anchored_lines(points, camera, "dcl:paper")
+    anchors, _ = veiloc.anchored_lines(points, camera, "dcl")
     scale = min(PANEL[0] / size[0], PANEL[1] / size[1])
     shift = (np.array(PANEL) - scale * size) / 2
     segments = segments_of(points, anchors, size) * scale + shift
