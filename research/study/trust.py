@@ -40,6 +40,20 @@ def places_negatives(run):
             table.add({"place": place}, row)
 
 
+@command("trust/gravity-negatives.csv", places=["redkitchen", "hololens-office"], schemes="dcl")
+def gravity_negatives(run):
+    """Images of other places, sealed with a random direction of gravity as if it were known to half a degree."""
+    table = run.table("trust/gravity-negatives.csv", "place", *NEGATIVES)
+    for place in run.places:
+        options = run.scene(place)
+        # Any direction down serves: those of the queries are random.
+        built = run.made(run.kept() / f"{place}-down.vmap", "map", "build", *options[:4], "--list", options[5], "--down", "z")
+        found = run.document("eval", "negatives", "--map", built, "--images", run.place("training-photos"), "--split", "final", "--schemes",
+                             run.schemes, "--random-gravity", 0.5)  # fmt: skip
+        for row in found["rows"]:
+            table.add({"place": place}, row)
+
+
 def stressed(run, folder: str, *options) -> dict:
     """Rows of `eval stress` by scheme and condition."""
     found = run.document("eval", "stress", *run.scene(folder), *options)
