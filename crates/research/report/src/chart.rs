@@ -1,4 +1,4 @@
-//! Charts as SVG: curves, dots and stacked bars, in the page's colours or as a file of their own.
+//! Charts as SVG: curves and dots, in the page's colours or as a file of their own.
 
 use std::fmt::Write as _;
 
@@ -230,48 +230,6 @@ fn shares_within(values: &[f64], (low, high): (f64, f64)) -> Vec<(f64, f64)> {
     corners
 }
 
-/// Rows of stacked bars: `(row, [(stage, length)])`.
-pub(crate) fn stacked_bars(title: &str, unit: &str, rows: &[(String, Vec<(&str, f64)>)]) -> Markup {
-    let longest = rows.iter().map(|(_, stages)| stages.iter().map(|s| s.1).sum::<f64>()).fold(0.0, f64::max);
-    let axis = Axis::linear(unit, 0.0, longest);
-    let mut stages: Vec<&str> = Vec::new();
-    for (stage, _) in rows.iter().flat_map(|(_, stages)| stages) {
-        if !stages.contains(stage) {
-            stages.push(stage);
-        }
-    }
-    let left = 24.0 + 6.6 * rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0) as f64;
-    let left = left.min(170.0);
-    let base = TOP + 26.0 * rows.len() as f64;
-    let x = |value: f64| left + axis.share(value) * (WIDTH - left - RIGHT);
-    let (height, positions) = legend(base + 54.0, &stages);
-    html! {
-        svg.chart viewBox=(format!("0 0 {WIDTH} {height:.0}")) role="img" aria-label=(title) {
-            text.title x="14" y="18" { (title) }
-            @for tick in axis.ticks() {
-                path.grid d=(format!("M{:.1} {TOP}V{base}", x(tick))) {}
-                text x=(format!("{:.1}", x(tick))) y=(base + 16.0) text-anchor="middle" { (significant(tick)) }
-            }
-            text x=(f64::midpoint(left, WIDTH)) y=(base + 34.0) text-anchor="middle" { (unit) }
-            @for (at, (name, own)) in rows.iter().enumerate() {
-                @let y = TOP + 26.0 * at as f64;
-                text x=(left - 8.0) y=(y + 17.0) text-anchor="end" { (name) }
-                @for (index, (stage, length)) in own.iter().enumerate() {
-                    @let before: f64 = own[..index].iter().map(|s| s.1).sum();
-                    @let color = stages.iter().position(|s| s == stage).unwrap_or(0) % COLORS;
-                    rect class={ "solid c" (color) } x=(format!("{:.1}", x(before))) y=(y + 5.0) height="16"
-                        width=(format!("{:.1}", x(before + length) - x(before))) { title { (stage) ": " (significant(*length)) } }
-                }
-            }
-            path.axis d=(format!("M{left} {TOP}V{base}H{}", WIDTH - RIGHT)) {}
-            @for (color, ((x, y), stage)) in positions.iter().zip(&stages).enumerate() {
-                rect class={ "solid c" (color % COLORS) } x=(format!("{x:.0}")) y=(format!("{:.0}", y - 10.0)) width="18" height="10" {}
-                text x=(format!("{:.0}", x + 24.0)) y=(format!("{y:.0}")) { (stage) }
-            }
-        }
-    }
-}
-
 /// Drawings side by side as one SVG file, in light colours.
 pub(crate) fn standalone(drawings: &[Markup]) -> String {
     // Each drawing has its size in its `viewBox`.
@@ -327,11 +285,7 @@ mod tests {
             Chart::cumulative("a <b>", "error, px", &[("<script>", false, &[1.0, 3.0]), ("x", true, &[])]);
         let svg = chart.svg();
         assert!(svg.0.contains("a &lt;b&gt;") && !svg.0.contains("<script") && svg.0.contains("baseline"));
-        let file = standalone(&[
-            svg,
-            stacked_bars("t", "ms", &[("dcl".into(), vec![("match", 3.0), ("pose", 1.0)])]),
-        ]);
-        assert!(file.starts_with("<svg xmlns") && file.contains("width=\"800\"") && !file.contains("NaN"));
-        assert_eq!(file.matches("class=\"solid c").count(), 4, "two bars and their legend");
+        let file = standalone(&[svg]);
+        assert!(file.starts_with("<svg xmlns") && file.contains("width=\"400\"") && !file.contains("NaN"));
     }
 }

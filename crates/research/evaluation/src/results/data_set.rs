@@ -1,6 +1,6 @@
 //! Results on a data set of several scenes: the document of `veiloc eval 7scenes`, `cambridge` and `aachen`.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::results::document::{MapSummary, QueryResult, SchemeSummary};
 
@@ -27,7 +27,7 @@ pub struct DataSetEvaluation {
 }
 
 /// Program and machine of a run.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RunInfo {
     /// Version of this program.
@@ -43,7 +43,7 @@ pub struct RunInfo {
 }
 
 /// A scene of a data set.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SceneInfo {
     /// Name of the scene.
@@ -73,14 +73,14 @@ pub struct SceneSummary {
 }
 
 /// A query of one scene under one row.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SceneQuery {
     /// The scene; absent in documents of one scene.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub scene: Option<String>,
     /// Condition of the query, `day` or `night`; absent if the data set does not distinguish conditions.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub condition: Option<String>,
     /// The result.
     #[serde(flatten)]

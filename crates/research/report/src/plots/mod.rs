@@ -2,72 +2,13 @@
 
 use veiloc_evaluation::pose::crb::{BoundCell, BoundEvaluation};
 use veiloc_evaluation::privacy::layouts::{LayoutRow, LayoutsDocument};
-use veiloc_evaluation::results::tables::{ErrorCurve, TableData};
 
-use crate::chart::{Axis, Chart, Mark, Series, stacked_bars, standalone};
-use crate::numbers::LengthUnit;
+use crate::chart::{Axis, Chart, Mark, Series, standalone};
 
 /// The document has nothing to draw.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("there is nothing to draw: the document has {0}")]
 pub struct PlotError(&'static str);
-
-/// Which error is drawn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ErrorAxis {
-    /// Position error, map units.
-    Position,
-    /// Orientation error, degrees.
-    Orientation,
-}
-
-/// Cumulative distributions of pose errors: one panel per scene, one curve per scheme.
-///
-/// # Errors
-/// [`PlotError`] when no query has ground truth.
-pub fn errors(data: &TableData, axis: ErrorAxis) -> Result<String, PlotError> {
-    let charts = error_charts(data, axis, LengthUnit::Map);
-    if charts.is_empty() {
-        return Err(PlotError("no query with a known pose"));
-    }
-    Ok(standalone(&charts.iter().map(Chart::svg).collect::<Vec<_>>()))
-}
-
-/// One chart per scene.
-pub(crate) fn error_charts(data: &TableData, axis: ErrorAxis, unit: LengthUnit) -> Vec<Chart> {
-    let mut scenes: Vec<(String, Vec<ErrorCurve>)> = Vec::new();
-    for curve in data.error_curves() {
-        match scenes.iter_mut().find(|(scene, _)| *scene == curve.scene) {
-            Some((_, curves)) => curves.push(curve),
-            None => scenes.push((curve.scene.clone(), vec![curve])),
-        }
-    }
-    let (what, bound) = match (axis, unit) {
-        (ErrorAxis::Orientation, _) => ("Orientation", "error, degrees"),
-        (ErrorAxis::Position, LengthUnit::Map) => ("Position", "error, map units"),
-        (ErrorAxis::Position, LengthUnit::Metres) => ("Position", "error, m"),
-    };
-    let chart = |(scene, curves): &(String, Vec<ErrorCurve>)| {
-        let error = |e: &(f64, f64)| if axis == ErrorAxis::Position { e.0 } else { e.1 };
-        let errors: Vec<Vec<f64>> = curves.iter().map(|c| c.errors.iter().map(error).collect()).collect();
-        let series =
-            curves.iter().zip(&errors).map(|(curve, errors)| (curve.row.as_str(), false, errors.as_slice()));
-        Chart::cumulative(&format!("{what}, {scene}"), bound, &series.collect::<Vec<_>>())
-    };
-    scenes.iter().map(chart).collect()
-}
-
-/// Median time of each stage of a query, stacked, one bar per scheme.
-///
-/// # Errors
-/// [`PlotError`] when the document has no times.
-pub fn times(data: &TableData) -> Result<String, PlotError> {
-    let rows = data.stage_times();
-    if rows.iter().all(|(_, stages)| stages.is_empty()) {
-        return Err(PlotError("no times"));
-    }
-    Ok(standalone(&[stacked_bars("Time of a query, median of each stage", "ms", &rows)]))
-}
 
 /// Median translation error relative to the Cramér–Rao bound against noise: one panel per scene and share of
 /// outliers, one curve per scheme.

@@ -38,7 +38,6 @@ pub fn json_reference() -> Result<String, String> {
     page.section("eval negatives", &schema::<commands::eval::negatives::NegativesDocument>());
     page.section("eval retrieval", &schema::<commands::eval::retrieval::RetrievalDocument>());
     page.section("eval 7scenes", &schema::<results::DataSetEvaluation>());
-    page.section("eval compare", &schema::<commands::eval::compare::CompareDocument>());
     page.section("eval crb", &schema::<pose::crb::BoundEvaluation>());
     page.section("eval sessions", &schema::<privacy::sessions::SessionsDocument>());
     page.section("eval adversaries", &schema::<privacy::adversaries::AdversariesDocument>());

@@ -68,7 +68,6 @@ const COMMANDS: &[(&str, &str)] = &[
         "eval inversion images/query-1.png --features sift --network {networks}/learned/inversion.toml --classifier \
          {networks}/image_metrics/classifier.onnx --max-keypoints 64 -k 5 --schemes dcl --json",
     ),
-    ("eval compare", "eval compare compared.json compared.json --json"),
     ("attack", "attack --synthetic 60 --schemes dcl --attacks closed-form --json"),
     (
         "attack",
@@ -125,7 +124,6 @@ fn ready() -> &'static TestScene {
             "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt";
         let few = EXTRACTION.join(" ");
         scene.run(&format!("{problems} {few} -o p.jsonl --keypoints k.jsonl")).succeeded();
-        scene.run("eval pose p.jsonl --schemes points --json compared.json").succeeded();
     });
     scene
 }
@@ -209,8 +207,7 @@ fn unwritable_results_exit_with_3() {
     let scene = ready();
     // All commands print by one function (clippy refuses `println!`), so evaluations that take long are left out.
     let is_quick = |command: &str| {
-        !command.starts_with("eval")
-            || ["eval compare", "eval crb", "eval pose"].iter().any(|c| command.starts_with(c))
+        !command.starts_with("eval") || ["eval crb", "eval pose"].iter().any(|c| command.starts_with(c))
     };
     let with_and_without =
         COMMANDS.iter().filter(|(_, command)| is_quick(command)).flat_map(|(_, command)| {

@@ -5,7 +5,7 @@ use super::common;
 use common::{CAMERA, folder, scene};
 
 /// Command lines whose inputs do not exist, with `OUT` for an output.
-const COMMANDS: [&str; 36] = [
+const COMMANDS: [&str; 35] = [
     "map build --posed none --images none -o OUT",
     "map build --posed none --images none -o good --out-pairs OUT",
     "map import --model none --images none -o OUT",
@@ -24,7 +24,6 @@ const COMMANDS: [&str; 36] = [
     "eval crb --json OUT",
     "eval crb --plot OUT",
     "eval keypoints none.jpg -o OUT",
-    "eval compare none.json none.json --json OUT",
     "eval negatives --map none.vmap --images none --json OUT",
     "eval retrieval --map none.vmap --images none --json OUT",
     "eval problems SCENE -o OUT",
@@ -45,7 +44,7 @@ const COMMANDS: [&str; 36] = [
 ];
 
 /// The same with `OUT` for a folder, which is created.
-const FOLDERS: [&str; 11] = [
+const FOLDERS: [&str; 10] = [
     "map split none.vmap -o OUT",
     "map export none.vmap --colmap OUT",
     "map build --posed none --images none -o good --work OUT",
@@ -54,7 +53,6 @@ const FOLDERS: [&str; 11] = [
     "synth city --out OUT",
     "synth export --layout 7scenes --out OUT",
     "eval scene SCENE --work OUT",
-    "eval tables none.json --plot OUT",
     "audit none.jpg -o OUT",
     "seal none.jpg --profile none.vprofile -o OUT",
 ];

@@ -1,7 +1,6 @@
 //! `veiloc eval`: measures localization on data with known poses, and against theoretical bounds.
 
 mod adversaries;
-pub(crate) mod compare;
 mod crb;
 mod data_set;
 pub(crate) mod html;
@@ -19,7 +18,6 @@ mod scene;
 mod sessions;
 mod split;
 mod stress;
-mod tables;
 
 use crate::exit::Outcome;
 use crate::ui::Ui;
@@ -36,8 +34,6 @@ pub(crate) enum Command {
     Cambridge(Box<data_set::cambridge::Args>),
     /// Aachen Day-Night, v1 and v1.1: evaluate it, and write the file for visuallocalization.net.
     Aachen(Box<data_set::aachen::Args>),
-    /// Print the results of a data-set command or `eval scene` as the tables of a paper.
-    Tables(tables::Args),
     /// Localize queries of one scene in the dark, with motion blur, half hidden, small, in a sparse map, with few
     /// keypoints.
     Stress(Box<stress::Args>),
@@ -59,8 +55,6 @@ pub(crate) enum Command {
     Adversaries(Box<adversaries::Args>),
     /// Compare layouts of dcl: pose accuracy relative to points, and what attackers recover under each.
     Layouts(Box<layouts::Args>),
-    /// Compare two runs on the same queries and report which differences are significant.
-    Compare(compare::Args),
     /// Reconstruct images from recovered keypoints under every scheme, and compare them with the originals.
     Inversion(Box<inversion::Args>),
     /// Extract keypoints and descriptors of images, for `attack` and for training predictors.
@@ -77,7 +71,6 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::SevenScenes(args) => data_set::seven_scenes::run(args, ui),
         Command::Cambridge(args) => data_set::cambridge::run(args, ui),
         Command::Aachen(args) => data_set::aachen::run(args, ui),
-        Command::Tables(args) => tables::run(args, ui),
         Command::Stress(args) => stress::run(args, ui),
         Command::Negatives(args) => negatives::run(args, ui),
         Command::Retrieval(args) => retrieval::run(args, ui),
@@ -88,7 +81,6 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Problems(args) => problems::run(args, ui),
         Command::Adversaries(args) => adversaries::run(args, ui),
         Command::Layouts(args) => layouts::run(args, ui),
-        Command::Compare(args) => compare::run(args, ui),
         Command::Inversion(args) => inversion::run(args, ui),
         Command::Keypoints(args) => keypoints::run(args, ui),
     }

@@ -202,7 +202,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         let queries = result.queries.iter().map(|query| (None, query));
         report.add("", &evaluation, methods, queries, ui)?;
         let title = format!("Localization in {}", result.data.join(", "));
-        report.write(&title, &serde_json::to_string(&result)?, html::facts(Some(evaluation.seed)), ui)?;
+        report.write(&title, html::facts(Some(evaluation.seed)), ui)?;
     }
     Ok(exit)
 }

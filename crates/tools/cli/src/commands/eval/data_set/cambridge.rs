@@ -10,8 +10,8 @@ use crate::ui::Ui;
 
 /// Cambridge Landmarks: build a map of each scene's `dataset_train.txt` and localize its `dataset_test.txt`.
 ///
-/// Focal lengths and distortion come from each scene's `reconstruction.nvm`. Errors are in metres and degrees. The
-/// table also shows the paper's figures for complete scenes.
+/// Focal lengths and distortion come from each scene's `reconstruction.nvm`. Errors are in metres and degrees.
+/// `python3 -m study.paper` prints them beside the paper's.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]

@@ -1,7 +1,6 @@
 //! Evaluates the scenes of a data set one after another, and collects their results in one document.
 
 use veiloc_datasets::{DatasetError, DatasetScene};
-use veiloc_evaluation::results::tables::{Format, TableData, TableOptions, tables};
 use veiloc_evaluation::results::{
     DataSetEvaluation, EvaluationDocument, QueryResult, RunInfo, SceneInfo, SceneQuery, SceneSummary,
     summarize, table,
@@ -75,31 +74,29 @@ pub(in crate::commands::eval) fn evaluate(
             report.add(&scene.name, &evaluation, rows, queries, ui)?;
         }
     }
-    let json = serde_json::to_string(&document)?;
-    let judged = TableData::parse(&json);
-    let text = if let Ok(data) = &judged {
-        let options = TableOptions {
-            format: Format::Markdown,
-            cells: None,
-            thresholds: args.thresholds(data_set.thresholds),
-            published: true,
-            bootstrap_samples: 2000,
-            seed: 0,
-        };
-        tables(data, &options)
-    } else {
-        // The true poses are unknown: only counts can be printed.
-        let rows: Vec<_> = document.schemes.iter().map(|row| row.summary.clone()).collect();
-        table(&rows)
-    };
+    let text = text_of(&document.schemes);
     args.json.print(&text, &document, ui)?;
     args.attack.finish(attacked.as_ref(), args.json.takes_stdout(), ui)?;
     if let Some(report) = report {
         let title = format!("veiloc {}", data_set.command);
-        report.write(&title, &json, html::facts(Some(document.seed)), ui)?;
+        report.write(&title, html::facts(Some(document.seed)), ui)?;
     }
     let localized = document.schemes.iter().any(|row| row.summary.localized > 0);
     Ok((document, if localized { Exit::Success } else { Exit::Refused }))
+}
+
+/// A table for each scene and condition.
+fn text_of(rows: &[SceneSummary]) -> String {
+    let same = |a: &SceneSummary, b: &SceneSummary| a.scene == b.scene && a.condition == b.condition;
+    let of_part = |part: &[SceneSummary]| {
+        let condition =
+            part[0].condition.as_ref().map_or(String::new(), |condition| format!(", {condition}"));
+        let summaries: Vec<_> = part.iter().map(|row| row.summary.clone()).collect();
+        format!("{}{condition}\n{}", part[0].scene, table(&summaries))
+    };
+    let mut rows: Vec<SceneSummary> = rows.to_vec();
+    rows.sort_by(|a, b| (&a.scene, &a.condition).cmp(&(&b.scene, &b.condition)));
+    rows.chunk_by(same).map(of_part).collect::<Vec<_>>().join("\n")
 }
 
 /// Converts the error of a data set.

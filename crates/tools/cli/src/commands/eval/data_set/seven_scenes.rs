@@ -13,7 +13,7 @@ use crate::ui::Ui;
 ///
 /// Reads the unpacked folders: `<scene>/TrainSplit.txt`, `<scene>/seq-01/frame-000000.color.png`. A scene's map is
 /// built from all images of its training sequences; every image of its test sequences is sealed under every scheme and
-/// localized. The table also shows the paper's figures for complete scenes.
+/// localized. `python3 -m study.paper` prints the results beside the paper's.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
