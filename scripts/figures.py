@@ -190,21 +190,6 @@ def recipes(run: Run) -> list[tuple]:
     return [(["matches of", "recipe", *columns], rows)]
 
 
-@figure("poses/bound.csv")
-def bound(run: Run) -> list[tuple]:
-    found = run.document("eval", "crb", "--problems", 500, "--plot", ROOT / "docs/images/bound.svg")
-    rows = []
-    for scheme in LINES:
-        cells = [c for c in found["cells"] if c["scheme"] == scheme]
-        mean = lambda key: statistics.geometric_mean(c[key] for c in cells if c[key])
-        own = next(c for c in found["coverage"] if c["scheme"] == scheme and c["scene"] == "all" and c["noise_px"] is None)
-        regions = [percent(own[kind][share]) for kind in ("pose", "center") for share in ("50", "90", "99")]
-        rows.append([scheme, percent(statistics.mean(c["found"] for c in cells)), f"{mean('translation_ratio'):.2f}",
-                     f"{mean('rotation_ratio'):.2f}", own["poses"], *regions])  # fmt: skip
-    regions = [f"{what} in {share} % region (%)" for what in ("pose", "centre") for share in (50, 90, 99)]
-    return [(["scheme", "found (%)", "position error over bound", "rotation error over bound", "poses", *regions], rows)]
-
-
 @figure("poses/data-sets.csv")
 def data_sets(run: Run) -> list[tuple]:
     """A rendered place in the files of each data set: what a reader with the data runs, from end to end."""
@@ -383,6 +368,7 @@ script("python -m veiloc_train neighbours", "features/predictors.csv", by_hand=G
 script("$P scripts/bench_search.py --usearch-up-to 100000 --csv $O/scale/usearch.csv", "scale/usearch.csv", by_hand="an hour of one map")
 script("$P research/notes/scale_model.py --csv $O/scale && $P research/notes/scale_model.py --plot docs/images/scale.svg", "scale/model.csv",
        "scale/model-negatives.csv")  # fmt: skip
+script("veiloc eval crb --problems 500", "poses/bound.csv", by_hand=OLD)
 script("$P scripts/service/greedy_token.py --veiloc OLD,NEW", "service/greedy-token.csv", by_hand=OLD)
 script("$P scripts/service/answer_times.py --veiloc $V --places redkitchen --images 20 --rounds 2 --csv $O/service/answer-times.csv",
        "service/answer-times.csv")  # fmt: skip

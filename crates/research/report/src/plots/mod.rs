@@ -1,6 +1,5 @@
 //! Charts of evaluation documents, each an SVG file.
 
-use veiloc_evaluation::pose::crb::{BoundCell, BoundEvaluation};
 use veiloc_evaluation::privacy::layouts::{LayoutRow, LayoutsDocument};
 
 use crate::chart::{Axis, Chart, Mark, Series, standalone};
@@ -9,48 +8,6 @@ use crate::chart::{Axis, Chart, Mark, Series, standalone};
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("there is nothing to draw: the document has {0}")]
 pub struct PlotError(&'static str);
-
-/// Median translation error relative to the Cramér–Rao bound against noise: one panel per scene and share of
-/// outliers, one curve per scheme.
-///
-/// # Errors
-/// [`PlotError`] when there is no cell.
-pub fn bound(document: &BoundEvaluation) -> Result<String, PlotError> {
-    /// Larger ratios are drawn on the upper edge.
-    const HIGHEST: f64 = 2.0;
-    /// The project's target ratio.
-    const AIM: f64 = 1.15;
-    let noise = 1.08 * document.cells.iter().map(|cell| cell.noise_px).fold(0.1, f64::max);
-    let panel = |cell: &BoundCell| format!("{}, {:.0} % outliers", cell.scene, 100.0 * cell.outlier_ratio);
-    let of_panel = |title: &String| {
-        let cells: Vec<&BoundCell> = document.cells.iter().filter(|cell| panel(cell) == *title).collect();
-        let of_scheme = |scheme: &String| {
-            let own = cells.iter().filter(|cell| cell.scheme == *scheme);
-            let mut points: Vec<(f64, f64)> =
-                own.filter_map(|cell| Some((cell.noise_px, cell.translation_ratio?))).collect();
-            points.sort_by(|a, b| a.0.total_cmp(&b.0));
-            Series { name: scheme.clone(), mark: Mark::DottedLine, points }
-        };
-        let level = |at: f64| Series {
-            name: String::new(),
-            mark: Mark::Baseline,
-            points: vec![(0.0, at), (noise, at)],
-        };
-        let schemes = distinct(cells.iter().map(|cell| cell.scheme.clone()));
-        Chart {
-            title: title.clone(),
-            x: Axis::linear("noise of a keypoint, px", 0.0, noise),
-            y: Axis::linear("error / bound", 0.8, HIGHEST),
-            series: [level(1.0), level(AIM)].into_iter().chain(schemes.iter().map(of_scheme)).collect(),
-        }
-        .svg()
-    };
-    let panels = distinct(document.cells.iter().map(panel));
-    if panels.is_empty() {
-        return Err(PlotError("no cell"));
-    }
-    Ok(standalone(&panels.iter().map(of_panel).collect::<Vec<_>>()))
-}
 
 /// A panel of the layouts' chart: title and value.
 type LayoutPanel = (&'static str, fn(&LayoutRow) -> Option<f64>);
@@ -91,15 +48,4 @@ pub fn layouts(document: &LayoutsDocument) -> Result<String, PlotError> {
     };
     let drawn: Vec<_> = PANELS.iter().filter_map(panel).collect();
     if drawn.is_empty() { Err(PlotError("no layout with an error")) } else { Ok(standalone(&drawn)) }
-}
-
-/// Values in the order in which they first appear.
-fn distinct(values: impl Iterator<Item = String>) -> Vec<String> {
-    let mut found: Vec<String> = Vec::new();
-    for value in values {
-        if !found.contains(&value) {
-            found.push(value);
-        }
-    }
-    found
 }

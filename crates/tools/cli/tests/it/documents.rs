@@ -49,10 +49,6 @@ const COMMANDS: &[(&str, &str)] = &[
         "eval retrieval --map place.vmap --images images --query-list queries.txt --sizes 8,300 --json",
     ),
     (
-        "eval crb",
-        "eval crb --scenes narrow --schemes dcl --keypoint-noise 1 --outliers 25 --problems 4 --matches 100 --json",
-    ),
-    (
         "eval layouts",
         "eval layouts --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
          --layouts dcl:horizontal --stress none --max-attacked 1 --json",
@@ -207,7 +203,7 @@ fn unwritable_results_exit_with_3() {
     let scene = ready();
     // All commands print by one function (clippy refuses `println!`), so evaluations that take long are left out.
     let is_quick = |command: &str| {
-        !command.starts_with("eval") || ["eval crb", "eval pose"].iter().any(|c| command.starts_with(c))
+        !command.starts_with("eval") || command.starts_with("eval pose")
     };
     let with_and_without =
         COMMANDS.iter().filter(|(_, command)| is_quick(command)).flat_map(|(_, command)| {

@@ -13,7 +13,6 @@ mod damaged_settings;
 mod detector;
 mod documents;
 mod eval_adversaries;
-mod eval_crb;
 mod eval_data_sets;
 mod eval_layouts;
 mod eval_negatives;

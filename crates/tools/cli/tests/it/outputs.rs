@@ -5,7 +5,7 @@ use super::common;
 use common::{CAMERA, folder, scene};
 
 /// Command lines whose inputs do not exist, with `OUT` for an output.
-const COMMANDS: [&str; 35] = [
+const COMMANDS: [&str; 33] = [
     "map build --posed none --images none -o OUT",
     "map build --posed none --images none -o good --out-pairs OUT",
     "map import --model none --images none -o OUT",
@@ -21,8 +21,6 @@ const COMMANDS: [&str; 35] = [
     "audit none.jpg --json OUT",
     "attack none.jsonl --json OUT",
     "eval pose none.jsonl --json OUT",
-    "eval crb --json OUT",
-    "eval crb --plot OUT",
     "eval keypoints none.jpg -o OUT",
     "eval negatives --map none.vmap --images none --json OUT",
     "eval retrieval --map none.vmap --images none --json OUT",

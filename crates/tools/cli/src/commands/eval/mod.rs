@@ -1,7 +1,6 @@
-//! `veiloc eval`: measures localization on data with known poses, and against theoretical bounds.
+//! `veiloc eval`: measures localization on data with known poses.
 
 mod adversaries;
-mod crb;
 mod data_set;
 pub(crate) mod html;
 mod inversion;
@@ -47,8 +46,6 @@ pub(crate) enum Command {
     Sessions(Box<sessions::Args>),
     /// Run only the pose stage, on given matches.
     Pose(pose::Args),
-    /// Report errors on random synthetic problems relative to the Cramér–Rao bound.
-    Crb(crb::Args),
     /// Write correspondence sets of a scene with known poses, for `eval pose`.
     Problems(problems::Args),
     /// Report what each adversary recovers from the queries of every scheme, with its best attack.
@@ -77,7 +74,6 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Rig(args) => rig::run(args, ui),
         Command::Sessions(args) => sessions::run(args, ui),
         Command::Pose(args) => pose::run(args, ui),
-        Command::Crb(args) => crb::run(args, ui),
         Command::Problems(args) => problems::run(args, ui),
         Command::Adversaries(args) => adversaries::run(args, ui),
         Command::Layouts(args) => layouts::run(args, ui),
