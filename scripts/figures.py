@@ -365,7 +365,7 @@ script("research/notes/edge_inversion.py", "privacy/edge-inversion.csv", by_hand
 script("$P scripts/phones/measure.py --frame FRAME.pgm --profile PLACE.profile --times 2 --rounds 40 --csv $O/features/seal-frame.csv",
        "features/seal-frame.csv", by_hand=PHONE)  # fmt: skip
 script("python -m veiloc_train neighbours", "features/predictors.csv", by_hand=GPU)
-script("$P scripts/bench_search.py --usearch-up-to 100000 --csv $O/scale/usearch.csv", "scale/usearch.csv", by_hand="an hour of one map")
+script("$P scripts/bench_search.py --usearch-up-to 100000 --csv $O/scale/usearch.csv", "scale/usearch.csv", by_hand=OLD)
 script("$P research/notes/scale_model.py --csv $O/scale && $P research/notes/scale_model.py --plot docs/images/scale.svg", "scale/model.csv",
        "scale/model-negatives.csv")  # fmt: skip
 script("veiloc eval crb --problems 500", "poses/bound.csv", by_hand=OLD)
@@ -407,7 +407,7 @@ script(f"VEILOC_MODELS=$D/../weights {FEATURES} globals --csv $O/features/global
 script(f"{SCALE} compress --csv $O/scale/compress.csv && $P scripts/scale_plots.py", "scale/compress.csv")
 script("$P research/notes/city.py --veiloc $V --data $D --out $W/city --csv $O/scale/city.csv --queries-csv $O/scale/city-queries.csv && "
        "$P research/notes/city.py --out $W/city --plot docs/images/city.svg", "scale/city.csv", "scale/city-queries.csv")  # fmt: skip
-script(f"{SCALE} retrieval --csv $O/scale/retrieval.csv && $P scripts/scale_plots.py", "scale/retrieval.csv")
+script("veiloc eval retrieval", "scale/retrieval.csv", by_hand=OLD)
 script(f"{SCALE} drawn --csv $O/scale/drawn.csv", "scale/drawn.csv")
 script(f"{SCALE} regions --csv $O/scale/regions.csv", "scale/regions.csv")
 script("$P scripts/ray_times.py --data $D --rounds 3 --csv $O/scale/build.csv", "scale/build.csv", by_hand="the Python package, and Ray")

@@ -121,7 +121,7 @@ def drawn(args):
 
 
 def main():
-    commands = {"compress": compress, "regions": regions, "retrieval": retrieval, "drawn": drawn}
+    commands = {"compress": compress, "regions": regions, "drawn": drawn}
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=commands)
     parser.add_argument("--veiloc", default="veiloc")

@@ -21,7 +21,6 @@ pub mod pipeline;
 pub mod pose;
 pub mod privacy;
 pub mod results;
-pub mod retrieval;
 mod rig;
 mod scene;
 pub mod stress;

@@ -45,10 +45,6 @@ const COMMANDS: &[(&str, &str)] = &[
         "eval negatives --map place.vmap --images images --schemes points,dcl --list foreign.txt --json",
     ),
     (
-        "eval retrieval",
-        "eval retrieval --map place.vmap --images images --query-list queries.txt --sizes 8,300 --json",
-    ),
-    (
         "eval layouts",
         "eval layouts --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
          --layouts dcl:horizontal --stress none --max-attacked 1 --json",
@@ -202,9 +198,7 @@ fn into_a_full_device(scene: &TestScene, command: &str) -> (Option<i32>, String)
 fn unwritable_results_exit_with_3() {
     let scene = ready();
     // All commands print by one function (clippy refuses `println!`), so evaluations that take long are left out.
-    let is_quick = |command: &str| {
-        !command.starts_with("eval") || command.starts_with("eval pose")
-    };
+    let is_quick = |command: &str| !command.starts_with("eval") || command.starts_with("eval pose");
     let with_and_without =
         COMMANDS.iter().filter(|(_, command)| is_quick(command)).flat_map(|(_, command)| {
             let json = words(command);

@@ -5,7 +5,7 @@ use super::common;
 use common::{CAMERA, folder, scene};
 
 /// Command lines whose inputs do not exist, with `OUT` for an output.
-const COMMANDS: [&str; 33] = [
+const COMMANDS: [&str; 32] = [
     "map build --posed none --images none -o OUT",
     "map build --posed none --images none -o good --out-pairs OUT",
     "map import --model none --images none -o OUT",
@@ -23,7 +23,6 @@ const COMMANDS: [&str; 33] = [
     "eval pose none.jsonl --json OUT",
     "eval keypoints none.jpg -o OUT",
     "eval negatives --map none.vmap --images none --json OUT",
-    "eval retrieval --map none.vmap --images none --json OUT",
     "eval problems SCENE -o OUT",
     "eval problems SCENE -o good --keypoints OUT",
     "eval scene SCENE --json OUT",

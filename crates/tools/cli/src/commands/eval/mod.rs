@@ -11,7 +11,6 @@ mod pose;
 mod posed_scene;
 mod problems;
 mod report;
-pub(crate) mod retrieval;
 mod rig;
 mod scene;
 mod sessions;
@@ -38,8 +37,6 @@ pub(crate) enum Command {
     Stress(Box<stress::Args>),
     /// Query a map with out-of-map images, and count those with a trusted pose.
     Negatives(Box<negatives::Args>),
-    /// Measure cost and recall of image retrieval as maps grow.
-    Retrieval(retrieval::Args),
     /// Localize several consecutive images together, with simulated odometry, and report the gain over single images.
     Rig(Box<rig::Args>),
     /// Attack several frames of one scene together, and report what a session leaks for each kind of anchors.
@@ -70,7 +67,6 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Aachen(args) => data_set::aachen::run(args, ui),
         Command::Stress(args) => stress::run(args, ui),
         Command::Negatives(args) => negatives::run(args, ui),
-        Command::Retrieval(args) => retrieval::run(args, ui),
         Command::Rig(args) => rig::run(args, ui),
         Command::Sessions(args) => sessions::run(args, ui),
         Command::Pose(args) => pose::run(args, ui),
