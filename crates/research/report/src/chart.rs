@@ -1,8 +1,8 @@
-//! Charts as SVG: curves and dots, in the page's colours or as a file of their own.
+//! Charts as SVG: curves and dots, in the page's colours.
 
 use std::fmt::Write as _;
 
-use maud::{Markup, PreEscaped, html};
+use maud::{Markup, html};
 
 use crate::numbers::significant;
 
@@ -46,8 +46,6 @@ pub(crate) enum Mark {
     Baseline,
     /// Dots joined by a line.
     DottedLine,
-    /// Dots numbered from 1.
-    NumberedDots,
 }
 
 /// Points with a name; a series without a name is not in the legend.
@@ -146,19 +144,14 @@ impl Chart {
                 text x=(f64::midpoint(LEFT, WIDTH - RIGHT)) y=(TOP + TALL + 34.0) text-anchor="middle" { (self.x.label) }
                 text transform=(format!("translate(13 {}) rotate(-90)", TOP + TALL / 2.0)) text-anchor="middle" { (self.y.label) }
                 @for (series, style) in self.series.iter().zip(&styles) {
-                    @if series.mark != Mark::NumberedDots {
-                        path class={ "line " (style) } d=(path(series.points.iter().copied().map(at))) {}
-                    }
-                    @if matches!(series.mark, Mark::DottedLine | Mark::NumberedDots) {
-                        @for (index, point) in series.points.iter().enumerate().filter(|(_, point)| !point.0.is_nan()) {
+                    path class={ "line " (style) } d=(path(series.points.iter().copied().map(at))) {}
+                    @if series.mark == Mark::DottedLine {
+                        @for point in series.points.iter().filter(|point| !point.0.is_nan()) {
                             @let (x, y) = at(*point);
                             // Values beyond the axis are drawn as hollow dots on its edge.
                             @let solid = if point.1 > self.y.ends.1 { "dot" } else { "dot solid" };
                             circle class={ (solid) " " (style) } cx=(format!("{x:.1}")) cy=(format!("{y:.1}")) r="3.5" {
                                 title { (significant(point.0)) ", " (significant(point.1)) }
-                            }
-                            @if series.mark == Mark::NumberedDots {
-                                text x=(format!("{:.1}", x + 6.0)) y=(format!("{:.1}", y - 5.0)) { (index + 1) }
                             }
                         }
                     }
@@ -230,30 +223,6 @@ fn shares_within(values: &[f64], (low, high): (f64, f64)) -> Vec<(f64, f64)> {
     corners
 }
 
-/// Drawings side by side as one SVG file, in light colours.
-pub(crate) fn standalone(drawings: &[Markup]) -> String {
-    // Each drawing has its size in its `viewBox`.
-    let height = |svg: &Markup| -> f64 {
-        let size = svg.0.split("viewBox=\"0 0 ").nth(1).and_then(|rest| rest.split('"').next());
-        size.and_then(|size| size.split(' ').nth(1)?.parse().ok()).unwrap_or(TALL)
-    };
-    let across = drawings.len().clamp(1, 3);
-    let rows: Vec<f64> =
-        drawings.chunks(across).map(|row| row.iter().map(height).fold(0.0, f64::max)).collect();
-    let (width, tall) = (WIDTH * across as f64, rows.iter().sum::<f64>());
-    let page = html! {
-        svg xmlns="http://www.w3.org/2000/svg" width=(width) height=(tall) viewBox=(format!("0 0 {width} {tall}")) {
-            style { (PreEscaped(include_str!("chart.css"))) }
-            rect width=(width) height=(tall) fill="#ffffff" {}
-            @for (index, drawing) in drawings.iter().enumerate() {
-                svg x=(WIDTH * (index % across) as f64) y=(rows[..index / across].iter().sum::<f64>())
-                    width=(WIDTH) height=(height(drawing)) { (drawing) }
-            }
-        }
-    };
-    page.into_string()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -280,12 +249,10 @@ mod tests {
     }
 
     #[test]
-    fn names_are_escaped_and_files_standalone() {
+    fn names_are_escaped() {
         let chart =
             Chart::cumulative("a <b>", "error, px", &[("<script>", false, &[1.0, 3.0]), ("x", true, &[])]);
         let svg = chart.svg();
         assert!(svg.0.contains("a &lt;b&gt;") && !svg.0.contains("<script") && svg.0.contains("baseline"));
-        let file = standalone(&[svg]);
-        assert!(file.starts_with("<svg xmlns") && file.contains("width=\"400\"") && !file.contains("NaN"));
     }
 }

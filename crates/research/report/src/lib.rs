@@ -7,7 +7,6 @@
 //! - [`audit_page`]: what attackers recover from sealed queries ([`veiloc_evaluation::audit::Audit`]).
 //! - [`inversion_page`]: images reconstructed from descriptors.
 //! - [`map_picture`]: a small drawing of a map from above.
-//! - [`plots`]: documents of evaluations as charts.
 //!
 //! A page loads no external resource: scripts, fonts and images are embedded, and its content security policy forbids
 //! others. Templates are compiled and escape all text (`maud`). A page follows the reader's light or dark setting,
@@ -25,7 +24,6 @@ mod inversion;
 mod localization;
 mod numbers;
 mod page;
-pub mod plots;
 mod space;
 mod table;
 mod top_view;

@@ -39,7 +39,6 @@ pub fn json_reference() -> Result<String, String> {
     page.section("eval 7scenes", &schema::<results::DataSetEvaluation>());
     page.section("eval sessions", &schema::<privacy::sessions::SessionsDocument>());
     page.section("eval adversaries", &schema::<privacy::adversaries::AdversariesDocument>());
-    page.section("eval layouts", &schema::<privacy::layouts::LayoutsDocument>());
     page.section("attack", &schema::<audit::AttackDocument>());
     page.section("audit", &schema::<audit::AuditDocument>());
     page.section("demo", &schema::<crate::demo::DemoDocument>());

@@ -45,11 +45,6 @@ const COMMANDS: &[(&str, &str)] = &[
         "eval negatives --map place.vmap --images images --schemes points,dcl --list foreign.txt --json",
     ),
     (
-        "eval layouts",
-        "eval layouts --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
-         --layouts dcl:horizontal --stress none --max-attacked 1 --json",
-    ),
-    (
         "eval adversaries",
         "eval adversaries --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
          --train k.jsonl --schemes dcl --max-attacked 1 --quick --json",

@@ -14,7 +14,6 @@ mod detector;
 mod documents;
 mod eval_adversaries;
 mod eval_data_sets;
-mod eval_layouts;
 mod eval_negatives;
 mod eval_pose;
 mod eval_scene;

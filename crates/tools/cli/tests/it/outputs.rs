@@ -5,7 +5,7 @@ use super::common;
 use common::{CAMERA, folder, scene};
 
 /// Command lines whose inputs do not exist, with `OUT` for an output.
-const COMMANDS: [&str; 32] = [
+const COMMANDS: [&str; 31] = [
     "map build --posed none --images none -o OUT",
     "map build --posed none --images none -o good --out-pairs OUT",
     "map import --model none --images none -o OUT",
@@ -29,7 +29,6 @@ const COMMANDS: [&str; 32] = [
     "eval scene SCENE --report OUT",
     "eval scene SCENE --keep-map OUT",
     "eval stress SCENE --json OUT",
-    "eval layouts SCENE --plot OUT",
     "eval inversion none.jpg --network none.toml --contact-sheet OUT",
     "eval inversion none.jpg --network none.toml --report OUT",
     "eval 7scenes --root none --json OUT",

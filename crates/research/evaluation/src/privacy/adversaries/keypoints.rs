@@ -78,11 +78,6 @@ impl AttackedKeypoints {
         let (attacked, others) = split(images, attacked);
         Ok(Self { data: json_lines::display_name(path), attacked, others, scene: None })
     }
-
-    /// All images, the attacked ones first.
-    pub(crate) fn all(&self) -> impl Iterator<Item = &KeypointImage> {
-        self.attacked.iter().chain(&self.others)
-    }
 }
 
 /// Attacked images, spread evenly, and the others.

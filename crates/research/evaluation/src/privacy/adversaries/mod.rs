@@ -12,7 +12,7 @@ mod table;
 
 use crate::EvalError;
 use crate::{ProblemSource, masks_of};
-pub(crate) use attackers::{Attackers, Gain};
+pub(crate) use attackers::Attackers;
 pub(crate) use keypoints::AttackedKeypoints;
 use veiloc_features::Progress;
 

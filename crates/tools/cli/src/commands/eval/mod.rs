@@ -5,7 +5,6 @@ mod data_set;
 pub(crate) mod html;
 mod inversion;
 mod keypoints;
-mod layouts;
 pub(crate) mod negatives;
 mod pose;
 mod posed_scene;
@@ -47,8 +46,6 @@ pub(crate) enum Command {
     Problems(problems::Args),
     /// Report what each adversary recovers from the queries of every scheme, with its best attack.
     Adversaries(Box<adversaries::Args>),
-    /// Compare layouts of dcl: pose accuracy relative to points, and what attackers recover under each.
-    Layouts(Box<layouts::Args>),
     /// Reconstruct images from recovered keypoints under every scheme, and compare them with the originals.
     Inversion(Box<inversion::Args>),
     /// Extract keypoints and descriptors of images, for `attack` and for training predictors.
@@ -72,7 +69,6 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Pose(args) => pose::run(args, ui),
         Command::Problems(args) => problems::run(args, ui),
         Command::Adversaries(args) => adversaries::run(args, ui),
-        Command::Layouts(args) => layouts::run(args, ui),
         Command::Inversion(args) => inversion::run(args, ui),
         Command::Keypoints(args) => keypoints::run(args, ui),
     }
