@@ -1,4 +1,4 @@
-//! Internal: reports as self-contained HTML pages, and charts as SVG.
+//! Internal: reports as self-contained HTML pages.
 //!
 //! This crate only presents results; it does not measure, attack or localize.
 //!
@@ -15,7 +15,6 @@
 
 mod attacks;
 mod audit;
-mod chart;
 mod demo;
 mod drawing;
 mod heat;
