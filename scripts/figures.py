@@ -199,7 +199,7 @@ def data_sets(run: Run) -> list[tuple]:
         if not root.exists():
             subprocess.run([run.veiloc, "synth", "export", "--quiet", "--layout", layout, "--out", root], check=True)
         truth = ["--truth", root / "queries/poses.txt"] if layout.startswith("aachen") else []
-        found = run.document("eval", layout.removesuffix("-v1.1"), "--root", root, "--jobs", 1, *truth)
+        found = run.document("eval", "dataset", layout.removesuffix("-v1.1"), "--root", root, "--jobs", 1, *truth)
         for row in found["schemes"]:
             best = list(row["recall"])[0]
             rows.append([layout, row.get("condition", ""), row["scheme"], row["queries"], row["localized"], cm(row["median_translation"]),

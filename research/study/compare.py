@@ -2,7 +2,7 @@
 
     PYTHONPATH=research python3 -m study.compare A.json B.json
 
-Reads documents of `veiloc eval scene`, `pose`, `7scenes`, `cambridge` and `aachen`. Queries are paired by name and seed, so
+Reads documents of `veiloc eval scene`, `eval pose` and `eval dataset`. Queries are paired by name and seed, so
 a query that is difficult for both runs does not affect the difference. The 95 % interval of a difference comes from a
 bootstrap: queries are drawn with replacement, a query with all its seeds and in both runs at once. A figure is called better
 only if its interval excludes zero. Neighbouring frames of one trajectory are more alike than independent queries, which the
@@ -31,7 +31,7 @@ def read(path) -> dict:
     except (ValueError, KeyError, TypeError) as error:
         sys.exit(f"{path}: this is not a document of an evaluation: {error!r}")
     if command.split()[-1] not in COMMANDS:
-        sys.exit(f"{path}: this is a document of {command!r}; give one of eval scene, pose, 7scenes, cambridge or aachen")
+        sys.exit(f"{path}: this is a document of {command!r}; give one of eval scene, eval pose or eval dataset")
     if version != 1:
         sys.exit(f"{path}: this document has version {version}, but only version 1 is supported")
     return document

@@ -2,7 +2,7 @@
 
     PYTHONPATH=research python3 -m study.paper results.json [--markdown | --latex] [--plot DIR]
 
-Reads documents of `veiloc eval 7scenes`, `cambridge`, `aachen` and `scene`. Scenes are columns, schemes are rows. Published
+Reads documents of `veiloc eval dataset` and `eval scene`. Scenes are columns, schemes are rows. Published
 figures are shown only for exactly the same images.
 """
 
@@ -76,7 +76,7 @@ class Results:
     def __init__(self, document: dict):
         self.set = document["command"].split()[-1]
         if self.set not in SETS:
-            sys.exit(f"this is a document of {document['command']!r}; tables need eval 7scenes, cambridge, aachen or scene")
+            sys.exit(f"this is a document of {document['command']!r}; tables need eval dataset or eval scene")
         known = [query for query in document["queries"] if query.get("has_ground_truth", True)]
         self.frame = queries(document)
         self.frame["sealed"] = [query.get("sealed_bytes") for query in known]

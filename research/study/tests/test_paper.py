@@ -17,7 +17,7 @@ def document(official: bool = True) -> dict:
                for scheme, worse in [("points", 1), ("dcl:paper", 2), ("dcl:s=2", 4)]
                for k, error in enumerate(errors) for found in [np.isfinite(error)]]  # fmt: skip
     scenes = [{"name": name, "is_official": official and name == "chess"} for name in ("chess", "stairs")]
-    return {"version": 1, "command": "eval 7scenes", "data": ["chess", "stairs"], "scenes": scenes, "queries": queries}
+    return {"version": 1, "command": "eval dataset 7scenes", "data": ["chess", "stairs"], "scenes": scenes, "queries": queries}
 
 
 def line(text: str, begin: str) -> str:

@@ -1,16 +1,16 @@
-//! Results on a data set of several scenes: the document of `veiloc eval 7scenes`, `cambridge` and `aachen`.
+//! Results on a data set of several scenes: the document of `veiloc eval dataset`.
 
 use serde::Serialize;
 
 use crate::results::document::{MapSummary, QueryResult, SchemeSummary};
 
-/// Also of `eval cambridge` and `eval aachen`. Its `schemes` and `queries` are those of `eval scene`, each with its scene.
+/// Its `schemes` and `queries` are those of `eval scene`, each with its scene.
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct DataSetEvaluation {
     /// Version of this document.
     pub version: u32,
-    /// The command: `eval 7scenes`, `eval cambridge` or `eval aachen`.
+    /// The command: `eval dataset 7scenes`, `eval dataset cambridge` or `eval dataset aachen`.
     pub command: &'static str,
     /// Names of the scenes.
     pub data: Vec<String>,

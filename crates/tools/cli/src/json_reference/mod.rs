@@ -36,7 +36,7 @@ pub fn json_reference() -> Result<String, String> {
     page.section("eval scene", &schema::<results::EvaluationDocument>());
     page.section("eval stress", &schema::<stress::StressDocument>());
     page.section("eval negatives", &schema::<commands::eval::negatives::NegativesDocument>());
-    page.section("eval 7scenes", &schema::<results::DataSetEvaluation>());
+    page.section("eval dataset", &schema::<results::DataSetEvaluation>());
     page.section("eval sessions", &schema::<privacy::sessions::SessionsDocument>());
     page.section("eval adversaries", &schema::<privacy::adversaries::AdversariesDocument>());
     page.section("attack", &schema::<audit::AttackDocument>());

@@ -38,8 +38,11 @@ const COMMANDS: &[(&str, &str)] = &[
         "eval stress --posed posed --images images --map-list map.txt --query-list queries.txt {few} --optimum \
          --schemes dcl --stress half-hidden,sparse-map --json",
     ),
-    ("eval 7scenes", "eval 7scenes --root 7scenes --poses depth --schemes points,dcl --jobs 1 {few} --json"),
-    ("eval 7scenes", "eval aachen --root aachen --schemes dcl {few} --json"),
+    (
+        "eval dataset",
+        "eval dataset 7scenes --root 7scenes --poses depth --schemes points,dcl --jobs 1 {few} --json",
+    ),
+    ("eval dataset", "eval dataset aachen --root aachen --schemes dcl {few} --json"),
     (
         "eval negatives",
         "eval negatives --map place.vmap --images images --schemes points,dcl --list foreign.txt --json",

@@ -1,4 +1,4 @@
-//! `veiloc synth export` and `eval 7scenes|cambridge|aachen`: a rendered scene in every layout,
+//! `veiloc synth export` and `eval dataset`: a rendered scene in every layout,
 //! evaluated through the reader; an interrupted run continues.
 
 use super::common;
@@ -20,7 +20,7 @@ fn export(scene: &TestScene, layout: &str) {
 fn evaluated(scene: &TestScene, data_set: &str, more: &str) -> Value {
     scene
         .run(&format!(
-            "eval {data_set} --root {data_set} --schemes points,dcl {} {more} --json -",
+            "eval dataset {data_set} --root {data_set} --schemes points,dcl {} {more} --json -",
             EXTRACTION.join(" ")
         ))
         .succeeded()
@@ -160,7 +160,7 @@ fn interrupted_runs_resume_without_losing_queries() {
     assert_eq!(journal().lines().count(), 7);
     // A damaged line in the middle is named.
     scene.write("work/room/queries.jsonl", format!("{{\n{again}"));
-    let refused = scene.run("eval 7scenes --root 7scenes --schemes points,dcl --work work");
+    let refused = scene.run("eval dataset 7scenes --root 7scenes --schemes points,dcl --work work");
     assert_eq!(refused.code, Some(1), "{refused}");
     assert!(refused.stderr.contains("queries.jsonl:1:"), "{refused}");
 }
@@ -174,10 +174,15 @@ fn missing_files_are_named_with_source() {
         ("cambridge", "repository.cam.ac.uk"),
         ("aachen", "visuallocalization.net"),
     ] {
-        let refused = scene.run(&format!("eval {data_set} --root empty"));
+        let refused = scene.run(&format!("eval dataset {data_set} --root empty"));
         assert_eq!(refused.code, Some(1), "{refused}");
         assert!(refused.stderr.contains(where_it_is), "{refused}");
     }
+    let refused = scene.run("eval dataset cambridge --root empty --submission a.txt");
+    assert!(
+        refused.code == Some(1) && refused.stderr.contains("--submission is no option of cambridge"),
+        "{refused}"
+    );
     let refused = scene.run("synth export --layout 7scenes --out empty");
     assert_eq!(refused.code, Some(1), "{refused}");
     assert!(refused.stderr.contains("the folder is not empty"), "{refused}");

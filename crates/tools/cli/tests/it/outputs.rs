@@ -31,12 +31,12 @@ const COMMANDS: [&str; 31] = [
     "eval stress SCENE --json OUT",
     "eval inversion none.jpg --network none.toml --contact-sheet OUT",
     "eval inversion none.jpg --network none.toml --report OUT",
-    "eval 7scenes --root none --json OUT",
-    "eval 7scenes --root none --report OUT",
-    "eval 7scenes --root none --attack 1 --attack-json OUT",
-    "eval cambridge --root none --json OUT",
-    "eval aachen --root none --submission OUT",
-    "eval aachen --root none --json OUT",
+    "eval dataset 7scenes --root none --json OUT",
+    "eval dataset 7scenes --root none --report OUT",
+    "eval dataset 7scenes --root none --attack 1 --attack-json OUT",
+    "eval dataset cambridge --root none --json OUT",
+    "eval dataset aachen --root none --submission OUT",
+    "eval dataset aachen --root none --json OUT",
 ];
 
 /// The same with `OUT` for a folder, which is created.

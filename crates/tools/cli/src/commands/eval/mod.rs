@@ -24,13 +24,8 @@ use crate::ui::Ui;
 pub(crate) enum Command {
     /// Run the whole pipeline on a scene with known poses: build the map, seal the queries, localize them.
     Scene(Box<scene::Args>),
-    /// 7Scenes: evaluate all its scenes, from the unpacked folders.
-    #[command(name = "7scenes")]
-    SevenScenes(Box<data_set::seven_scenes::Args>),
-    /// Cambridge Landmarks: evaluate its scenes.
-    Cambridge(Box<data_set::cambridge::Args>),
-    /// Aachen Day-Night, v1 and v1.1: evaluate it, and write the file for visuallocalization.net.
-    Aachen(Box<data_set::aachen::Args>),
+    /// Evaluate the scenes of 7Scenes, Cambridge Landmarks or Aachen Day-Night, from the unpacked folders.
+    Dataset(Box<data_set::Args>),
     /// Localize queries of one scene in the dark, with motion blur, half hidden, small, in a sparse map, with few
     /// keypoints.
     Stress(Box<stress::Args>),
@@ -59,9 +54,7 @@ pub(crate) enum Command {
 pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
     match command {
         Command::Scene(args) => scene::run(args, ui),
-        Command::SevenScenes(args) => data_set::seven_scenes::run(args, ui),
-        Command::Cambridge(args) => data_set::cambridge::run(args, ui),
-        Command::Aachen(args) => data_set::aachen::run(args, ui),
+        Command::Dataset(args) => data_set::run(args, ui),
         Command::Stress(args) => stress::run(args, ui),
         Command::Negatives(args) => negatives::run(args, ui),
         Command::Rig(args) => rig::run(args, ui),
