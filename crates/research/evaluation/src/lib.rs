@@ -26,7 +26,7 @@ mod scene;
 pub mod stress;
 
 pub use error::EvalError;
-pub use make_problems::{GeneratedProblem, ProblemSource, make_problems, masks_of};
+pub use make_problems::{GeneratedProblem, make_problems};
 pub use rig::{RigEvaluation, evaluate_rig, sequence_of};
 pub use scene::{
     DrawnQuery, DrawnScheme, NegativeQueryImages, SceneEvaluation, drawn_queries, evaluate_scene, folder_name,
