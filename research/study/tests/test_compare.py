@@ -46,8 +46,8 @@ def test_symmetric_noise_is_not_significant():
 def test_intervals_have_nominal_coverage():
     random = np.random.default_rng(1)
     noise = lambda: run("dcl", random.uniform(0.01, 0.03, 40))
-    held = sum(compared(noise(), noise(), 300).loc["median translation"].result == "not shown" for _ in range(100))
-    assert 88 <= held <= 99
+    held = sum(compared(noise(), noise(), 200).loc["median translation"].result == "not shown" for _ in range(60))
+    assert 52 <= held <= 59
 
 
 def test_missing_poses_are_never_better():
