@@ -6,8 +6,7 @@
 //! the memory in addition to the descriptors.
 //!
 //! Global descriptors are random, in scenes of ten images whose descriptors agree by a third to a half, as those of
-//! rooms and facades do. `veiloc eval retrieval` measures the index on real descriptors, and `study scale usearch`
-//! compares it with usearch (HNSW) on them.
+//! rooms and facades do. `study scale usearch` compares the index with usearch (HNSW) on them.
 #![expect(clippy::print_stdout, reason = "a benchmark prints its results")]
 
 use std::{hint::black_box, time::Instant};

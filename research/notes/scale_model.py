@@ -49,7 +49,7 @@ CONSTANTS = {
     "regions_of_negative": 3,
     # From the moment that a machine hangs until a gateway has put it out: docs/results/service/cluster-hung.csv, four workers.
     "out_after_ms": 310,
-    # A search among a million images through the index, and among a hundred thousand: `veiloc eval retrieval` (docs/results/scale.md).
+    # A search among a million images through the index, and among a hundred thousand: docs/results/scale.md.
     "search_ms_at_million": 1.37,
     "search_ms_at_hundred_thousand": 0.67,
     # The gateway's work on a query: what a cluster's answer takes longer (4.6 ms, study service cluster-throughput) than its two messages and back do.

@@ -37,7 +37,7 @@ COLUMNS = ["table", "command", "commit", "machine", "minutes"]
 # What `research/figures.sh` installs, by the names of imports; and what it does not, because only tables made by hand need it.
 PACKAGES = {"PIL": "pillow", "cv2": "opencv-python-headless", "h5py": "h5py", "numpy": "numpy", "onnxruntime": "onnxruntime",
             "poselib": "poselib", "pycolmap": "pycolmap"}  # fmt: skip
-BY_HAND = {"ai_edge_litert", "evo", "imageio_ffmpeg", "ray", "scipy", "usearch", "veiloc"}
+BY_HAND = {"ai_edge_litert", "evo", "imageio_ffmpeg", "matplotlib", "pandas", "ray", "scipy", "usearch", "veiloc"}
 
 # Table: (tables of its command, what it needs that is not here, the command).
 FIGURES: dict[str, tuple[tuple, str, str]] = {}
@@ -57,6 +57,9 @@ script("$P research/notes/scale_model.py --csv $O/scale && $P research/notes/sca
        "scale/model-negatives.csv")  # fmt: skip
 script("$P research/notes/city.py --veiloc $V --data $D --out $W/city --csv $O/scale/city.csv --queries-csv $O/scale/city-queries.csv && "
        "$P research/notes/city.py --out $W/city --plot docs/images/city.svg", "scale/city.csv", "scale/city-queries.csv")  # fmt: skip
+OLD = "a build of an earlier commit, which has the command"
+script("veiloc eval crb --problems 500", "poses/bound.csv", needs=OLD)
+script("veiloc eval retrieval", "scale/retrieval.csv", "scale/usearch.csv", needs=OLD)
 script("CSV=$O/service/fuzz.csv fuzz/run.sh 120", "service/fuzz.csv", needs="cargo-fuzz and a nightly compiler")
 
 

@@ -10,7 +10,7 @@ import tempfile
 import time as clock
 from pathlib import Path
 
-from study.common import RIGHT, ROOT, SCENES, Package, cm, command, number, percent
+from study.common import RIGHT, SCENES, Package, cm, command, number, percent
 from study.geometry import angle, center, rotation
 
 np, poselib, veiloc = Package("numpy"), Package("poselib"), Package("veiloc")
@@ -77,21 +77,6 @@ def recipes(run):
             table.add([problem, recipe, *(c for row in rows for c in (percent(row["recall"][threshold]), cm(row["median_translation"])))])
 
 
-@command("poses/bound.csv")
-def bound(run):
-    """Errors over the Cramér-Rao bound, on drawn problems."""
-    found = run.document("eval", "crb", "--problems", 500, "--plot", ROOT / "docs/images/bound.svg")
-    regions = [f"{what} in {share} % region (%)" for what in ("pose", "centre") for share in (50, 90, 99)]
-    table = run.table("poses/bound.csv", "scheme", "found (%)", "position error over bound", "rotation error over bound", "poses", *regions)
-    for scheme in LINES:
-        cells = [c for c in found["cells"] if c["scheme"] == scheme]
-        mean = lambda key: statistics.geometric_mean(c[key] for c in cells if c[key])
-        own = next(c for c in found["coverage"] if c["scheme"] == scheme and c["scene"] == "all" and c["noise_px"] is None)
-        table.add([scheme, percent(statistics.mean(c["found"] for c in cells)), f"{mean('translation_ratio'):.2f}",
-                   f"{mean('rotation_ratio'):.2f}", own["poses"],
-                   *(percent(own[kind][share]) for kind in ("pose", "center") for share in ("50", "90", "99"))])  # fmt: skip
-
-
 @command("poses/data-sets.csv")
 def data_sets(run):
     """A rendered place in the files of each data set: what a reader with the data runs, from end to end."""
@@ -102,7 +87,7 @@ def data_sets(run):
         if not root.exists():
             run.run("synth", "export", "--quiet", "--layout", layout, "--out", root)
         truth = ["--truth", root / "queries/poses.txt"] if layout.startswith("aachen") else []
-        for row in run.document("eval", layout.removesuffix("-v1.1"), "--root", root, "--jobs", 1, *truth)["schemes"]:
+        for row in run.document("eval", "dataset", layout.removesuffix("-v1.1"), "--root", root, "--jobs", 1, *truth)["schemes"]:
             best = list(row["recall"])[0]
             table.add({"layout": layout, "condition": row.get("condition", ""), "smallest threshold (m/°)": best,
                        "within it (%)": percent(row["recall"][best])}, row)  # fmt: skip

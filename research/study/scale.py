@@ -77,26 +77,6 @@ def regions(run):
                        f"{cut['largest_bytes'] / 1e6:.1f}", *cells])  # fmt: skip
 
 
-@command("scale/retrieval.csv", sizes=(SIZES, "numbers of images"))
-def retrieval(run):
-    """RedKitchen's map images among out-of-map images and images drawn from them."""
-    table = run.table("scale/retrieval.csv", "images", "compared", "build of the index (s)", "memory (MB)", "retrieval (ms)",
-                      "recall@10 (%)", "images of the map among the ten (%)")  # fmt: skip
-    for row in searched(run, "--sizes", run.sizes)["rows"]:
-        every = row["search"] == "all"
-        table.add([row["images"], "every image" if every else "index", "" if every else short(row["build_seconds"]),
-                   f"{row['bytes'] / 1e6:.0f}", short(row["median_ms"]), "100" if every else f"{100 * row['recall']:.1f}",
-                   f"{100 * row['map_share']:.1f}"])  # fmt: skip
-    if run.out:
-        plots(run)
-
-
-def searched(run, *options):
-    kitchen = run.place("redkitchen")
-    return run.document("eval", "retrieval", "--map", run.map("redkitchen"), "--images", kitchen / "images", "--query-list",
-                        kitchen / "query.txt", "--distractors", run.place("training-photos"), *options)  # fmt: skip
-
-
 @command()
 def plots(run):
     """The drawings of the tables compress and retrieval, into docs/images."""
@@ -227,38 +207,23 @@ def drawn_scenes(images: int) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([image(i // 10, i) for i in range(images)]), np.stack(queries)
 
 
-@command("scale/usearch.csv", needs="an hour of one map", sizes="10000,100000,1000000",
-         usearch_up_to=(100_000, "run usearch only up to this size"),
-         drawn=(0, "drawn scenes with this number of images in place of a map's"))  # fmt: skip
+@command(images=(100_000, "number of images"))
 def usearch(run):
-    """The retrieval index of large maps beside usearch (HNSW), on the same global descriptors and queries.
+    """usearch (HNSW) on drawn scenes of ten images, as `cargo bench -p veiloc-benches --bench search` draws them for veiloc's index.
 
-    `veiloc eval retrieval --save` searches, and writes its descriptors and queries; then usearch runs the same queries, in two ways: over
-    the descriptors (`i8`, cosine), and over binary codes as veiloc's, the signs after a fixed rotation (`b1`, Hamming), with exact
-    re-ranking of as many candidates as in veiloc's index. Both build on all processors and search on one; making the binary codes is not
-    counted for usearch. `recall@10` is the share of the true 10 nearest (cosine over all descriptors) that is found; a time is the median
-    over the queries and includes re-ranking. `--drawn 100000` runs usearch alone on drawn scenes of ten images, as
-    `cargo bench -p veiloc-benches --bench search` draws them for veiloc's index."""
-    rows = []
-    if run.drawn:
-        everything, queries, sizes = *drawn_scenes(run.drawn), [run.drawn]
-    else:
-        folder = run.kept() / "retrieval"
-        found = searched(run, "--sizes", run.sizes, "--save", folder)
-        everything, queries = np.load(folder / "searched.npy", mmap_mode="r"), np.load(folder / "queries.npy")
-        for own in found["rows"]:
-            every = own["search"] == "all"
-            beside = own["bytes"] - own["images"] * everything.shape[1]
-            rows.append(cells_of(own["images"], "every image" if every else "index", None if every else own["build_seconds"],
-                                 None if every else beside, own["median_ms"], own["recall"]))  # fmt: skip
-        sizes = sorted({row[0] for row in rows if row[0] <= run.usearch_up_to})
+    In two ways: over the descriptors (`i8`, cosine), and over binary codes as veiloc's, the signs after a fixed rotation (`b1`, Hamming),
+    with exact re-ranking of as many candidates as in veiloc's index. Both build on all processors and search on one; making the binary
+    codes is not counted. `recall@10` is the share of the true 10 nearest (cosine over all descriptors) that is found; a time is the median
+    over the queries and includes re-ranking."""
+    rows, sizes = [], [run.images]
+    everything, queries = drawn_scenes(run.images)
     for size in sizes:
         truth = exact(queries, everything[:size])
         for kind in (BinaryGraph, DescriptorGraph):
             for row in measured(kind, queries, everything[:size], truth):
                 rows.append(row)
                 print(*row, sep="  ", file=sys.stderr, flush=True)
-    table = run.table("scale/usearch.csv", "images", "method", "build (s)", "memory beside the descriptors (MB)", "retrieval (ms)",
+    table = run.table("usearch.csv", "images", "method", "build (s)", "memory beside the descriptors (MB)", "retrieval (ms)",
                       "recall@10 (%)")  # fmt: skip
     for row in sorted(rows, key=lambda row: row[0]):
         table.add(row)

@@ -79,51 +79,6 @@ pub enum EvalError {
     /// Nothing can be extracted from an image, or the scheme cannot obfuscate it.
     #[error(transparent)]
     Obfuscate(#[from] veiloc_obfuscation::SealError),
-    /// Invalid or truncated JSON, or an unknown structure.
-    #[error("this is not a document of an evaluation: {0}")]
-    Document(String),
-    /// A document of a command without tables.
-    #[error(
-        "this is a document of {0:?}; tables need a document of `eval 7scenes`, `cambridge`, `aachen` and `scene`"
-    )]
-    NoTables(String),
-    /// A document of a command without comparisons.
-    #[error(
-        "this is a document of {0:?}; only documents of `eval scene`, `pose`, `7scenes`, `cambridge` and `aachen` can be compared"
-    )]
-    NotCompared(String),
-    /// A document of an unsupported version.
-    #[error("this document has version {0}, but only version 1 is supported")]
-    Version(u64),
-    /// No query of a document has a known pose.
-    #[error(
-        "no query of this document has a known pose, so errors cannot be computed; submit the result file to the benchmark"
-    )]
-    NoTruth,
-    /// A query appears twice in one row of a document.
-    #[error("{row}: the query {name:?} appears twice with seed {seed}")]
-    Twice {
-        /// The row.
-        row: String,
-        /// The query.
-        name: String,
-        /// Its seed.
-        seed: u64,
-    },
-    /// The requested row is missing, or the documents have no row in common.
-    #[error("no rows to compare: the first has {first}; the second has {second}")]
-    NoRows {
-        /// Rows of the first.
-        first: String,
-        /// Rows of the second.
-        second: String,
-    },
-    /// Rows without a common query.
-    #[error("{row}: the runs have no query in common")]
-    NoQueries {
-        /// The row.
-        row: String,
-    },
 
     // Files.
     /// A file could not be read or written.

@@ -21,13 +21,12 @@ pub mod pipeline;
 pub mod pose;
 pub mod privacy;
 pub mod results;
-pub mod retrieval;
 mod rig;
 mod scene;
 pub mod stress;
 
 pub use error::EvalError;
-pub use make_problems::{GeneratedProblem, ProblemSource, make_problems, masks_of};
+pub use make_problems::{GeneratedProblem, make_problems};
 pub use rig::{RigEvaluation, evaluate_rig, sequence_of};
 pub use scene::{
     DrawnQuery, DrawnScheme, NegativeQueryImages, SceneEvaluation, drawn_queries, evaluate_scene, folder_name,

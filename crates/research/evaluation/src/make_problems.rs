@@ -3,8 +3,7 @@
 //! The pose stage is compared and calibrated on them. The map is built and opened as on a server, keypoints are sent
 //! under the scheme `points`, and matching is that of localization.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
@@ -12,40 +11,17 @@ use veiloc_datasets::problem_files::problems::{CameraLine, PoseLine, ProblemLine
 use veiloc_datasets::problem_files::{KeypointImage, seed_for};
 use veiloc_features::Progress;
 use veiloc_localization::matching::match_points;
+use veiloc_localization::observe_matches;
 use veiloc_localization::retrieval::retrieve;
-use veiloc_localization::{LocalizeOptions, observe_matches};
-use veiloc_map::{MapFile, PosedImages};
-use veiloc_mapping::{BuildOptions, Input, OnOtherFrame, mask_file};
+use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{SealTruth, seal_with_truth};
 use veiloc_pose::Correspondences;
 use veiloc_protocol::{Observations, Scheme, SealedQuery};
 
+use crate::SceneEvaluation;
 use crate::error::EvalError;
 use crate::pipeline::{PosedQuery, SceneMap, extract_features, posed_queries, with_extractors};
-
-/// Source of the problems.
-#[derive(Debug, Clone)]
-pub struct ProblemSource<'a> {
-    /// Cameras and poses of the scene's images.
-    pub posed: &'a PosedImages,
-    /// Folder of the images.
-    pub images: &'a Path,
-    /// Names of the images the map is built from.
-    pub map_list: &'a [String],
-    /// Names of the images that become problems.
-    pub query_list: &'a [String],
-    /// How the map is built.
-    pub build: &'a BuildOptions,
-    /// Treatment of map images whose poses are in another frame than the rest.
-    pub on_other_frame: OnOtherFrame,
-    /// Retrieval and matching.
-    pub localize: &'a LocalizeOptions,
-    /// Masks by image name: masked keypoints are not sent. An image without a mask is used completely.
-    pub masks: &'a BTreeMap<String, PathBuf>,
-    /// Seed of the keypoints' dither.
-    pub seed: u64,
-}
 
 /// One query as a problem, and all of its sent keypoints.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,55 +33,48 @@ pub struct GeneratedProblem {
     pub keypoints: KeypointImage,
 }
 
-/// Path of each image's mask: in a folder, by the image's name; empty without a folder.
-pub fn masks_of(names: &[String], folder: Option<&Path>) -> BTreeMap<String, PathBuf> {
-    let of = |folder: &Path| names.iter().map(|n| (n.clone(), mask_file(folder, n))).collect();
-    folder.map(of).unwrap_or_default()
-}
-
-/// One problem per query, in the order of the list.
+/// One problem per query, in the order of the list; with `of_map` also one per image of the map, after them and without
+/// masks.
 ///
 /// Pixels belong to the query's canonical camera, quantized to 1/65536 of the image as under the scheme `points`.
 ///
 /// # Errors
 /// [`EvalError`] when data is missing, the map cannot be built, or a query has too few keypoints to be sealed.
 pub fn make_problems(
-    source: &ProblemSource<'_>,
+    scene: &SceneEvaluation,
+    of_map: bool,
     progress: &dyn Progress,
 ) -> Result<Vec<GeneratedProblem>, EvalError> {
-    let queries = posed_queries(source.posed, source.images, source.query_list)?;
-    let input = Input::new(source.posed, source.images)
-        .with_names(source.map_list)
-        .on_other_frame(source.on_other_frame);
-    let map = SceneMap::build(&input, source.build, false, None, None, progress)?;
+    let added: &[String] = if of_map { &scene.map_list } else { &[] };
+    let queries = posed_queries(&scene.posed, &scene.images, &[&scene.query_list, added].concat())?;
+    let map = SceneMap::build(&scene.map_input(&scene.map_list), &scene.build, false, None, None, progress)?;
     progress.start("Matching queries", queries.len());
-    let lines = queries
-        .iter()
-        .map(|query| {
-            let made = make_problem(&map.file, query, source)?;
-            progress.advance(1);
-            Ok(made)
-        })
-        .collect();
+    let made = |(index, query): (usize, &PosedQuery)| {
+        let mask = scene.mask_of(&query.name).filter(|_| index < scene.query_list.len());
+        let made = make_problem(&map.file, query, mask.as_deref(), scene)?;
+        progress.advance(1);
+        Ok(made)
+    };
+    let problems = queries.iter().enumerate().map(made).collect();
     progress.finish();
-    lines
+    problems
 }
 
 fn make_problem(
     map: &MapFile,
     query: &PosedQuery,
-    source: &ProblemSource<'_>,
+    mask: Option<&Path>,
+    scene: &SceneEvaluation,
 ) -> Result<GeneratedProblem, EvalError> {
     let profile = map.profile();
     let options =
-        with_extractors(options_for(Scheme::Points), &source.build.extractors, source.build.global.as_ref());
-    let mask = source.masks.get(&query.name).map(PathBuf::as_path);
+        with_extractors(options_for(Scheme::Points), &scene.build.extractors, scene.build.global.as_ref());
     let (features, camera) = extract_features(&query.path, mask, &query.camera, profile, &options)?;
     let strengths: Vec<f32> = features.keypoints.iter().map(|k| k.response).collect();
-    let mut rng = ChaCha20Rng::seed_from_u64(seed_for(source.seed, &[&query.name]));
+    let mut rng = ChaCha20Rng::seed_from_u64(seed_for(scene.seed, &[&query.name]));
     let (sealed, truth) = seal_with_truth(features, &camera, profile, &options, &mut rng)
         .map_err(|e| EvalError::DataSet(format!("{}: {e}", query.name)))?;
-    let line = line(map, query, source, &sealed)?;
+    let line = line(map, query, scene, &sealed)?;
     Ok(GeneratedProblem {
         line: serde_json::to_string(&line).map_err(|e| EvalError::DataSet(format!("{}: {e}", query.name)))?,
         keypoints: keypoints(&query.name, &sealed, &truth, &strengths),
@@ -136,11 +105,11 @@ fn keypoints(name: &str, sealed: &SealedQuery, truth: &SealTruth, strengths: &[f
 fn line(
     map: &MapFile,
     query: &PosedQuery,
-    source: &ProblemSource<'_>,
+    scene: &SceneEvaluation,
     sealed: &SealedQuery,
 ) -> Result<ProblemLine, EvalError> {
-    let retrieved = retrieve(sealed.global(), map.into(), source.localize.retrieve);
-    let matches = match_points(sealed.descriptors(), map.into(), &retrieved, &source.localize.matching);
+    let retrieved = retrieve(sealed.global(), map.into(), scene.localize.retrieve);
+    let matches = match_points(sealed.descriptors(), map.into(), &retrieved, &scene.localize.matching);
     let rows: Vec<usize> = matches.iter().map(|m| m.query).collect();
     let Correspondences::Points { pixels } = observe_matches(&sealed.observations(), &rows).correspondences
     else {

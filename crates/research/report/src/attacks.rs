@@ -1,14 +1,13 @@
-//! Results of attacks: the strongest on each scheme, all attacks, error curves, and figures of one image.
+//! Results of attacks: the strongest on each scheme, all attacks, and figures of one image.
 
 use maud::{Markup, html};
 use veiloc_evaluation::audit::{
-    Attack, AttackDocument, AttackSummary, Neighbours, ShownImage, ShownImages, StrongestAttacks,
+    Attack, AttackDocument, AttackSummary, Neighbours, ShownImage, StrongestAttacks,
 };
 
-use crate::chart::{Axis, Chart, Mark, Series};
 use crate::drawing::{AttackFigures, error_legend};
 use crate::numbers::{capital, milliseconds, percent, pixels, scheme_name};
-use crate::page::{facts, figure, fold};
+use crate::page::{facts, fold};
 use crate::table::{Cell, Table, bar, cell, number, words};
 
 /// An attack has recovered the keypoints when their median error is below this, pixels.
@@ -189,66 +188,6 @@ pub(crate) fn needs(document: &AttackDocument) -> Markup {
         (attack.name.to_owned(), format!("{}. Needs: {needs}.", capital(attack.words)))
     };
     facts(&attacks.iter().map(entry).collect::<Vec<_>>())
-}
-
-/// Error curves of all attacks, one chart per scheme; and median error against the share of replaced neighbours.
-pub(crate) fn error_curves(document: &AttackDocument, gallery: &ShownImages) -> Markup {
-    let least = document.least_replaced_percent();
-    let of_scheme = |scheme: &&str| {
-        let shown = gallery
-            .errors
-            .iter()
-            .filter(|row| row.scheme == **scheme && (!row.attack.needs.neighbours || row.corrupt <= least));
-        let series: Vec<(&str, bool, &[f64])> =
-            shown.map(|row| (row.attack.name, row.attack == Attack::PRIOR, row.errors.as_slice())).collect();
-        Chart::cumulative(&scheme_name(scheme), "error of a recovered keypoint, px", &series)
-    };
-    let schemes = schemes(document);
-    html! {
-        div.row {
-            @for scheme in &schemes { figure { (of_scheme(scheme).svg()) } }
-            @for scheme in &schemes {
-                @if let Some(chart) = by_replaced_neighbours(document, scheme) {
-                    (figure(&chart.svg(), &html! { "A share of the neighbours is replaced by random keypoints." }))
-                }
-            }
-        }
-    }
-}
-
-/// `None` if no attack ran at two shares.
-fn by_replaced_neighbours(document: &AttackDocument, scheme: &str) -> Option<Chart> {
-    let rows: Vec<&AttackSummary> = document.attacks.iter().filter(|row| row.scheme == scheme).collect();
-    let most = rows.iter().map(|row| row.corrupt).fold(0.0, f64::max);
-    let mut series: Vec<Series> = Vec::new();
-    for row in rows.iter().filter(|row| row.attack.needs.neighbours) {
-        let point = (row.corrupt, row.median_px);
-        match series.iter_mut().find(|known| known.name == row.attack.name) {
-            Some(known) => known.points.push(point),
-            None => series.push(Series {
-                name: row.attack.name.to_owned(),
-                mark: Mark::DottedLine,
-                points: vec![point],
-            }),
-        }
-    }
-    series.retain(|series| series.points.len() > 1);
-    for series in &mut series {
-        series.points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    }
-    if series.is_empty() || most <= 0.0 {
-        return None;
-    }
-    if let Some(baseline) = rows.iter().find(|row| row.attack == Attack::PRIOR) {
-        let points = vec![(0.0, baseline.median_px), (most, baseline.median_px)];
-        series.push(Series { name: Attack::PRIOR.name.to_owned(), mark: Mark::Baseline, points });
-    }
-    Some(Chart {
-        title: scheme_name(scheme),
-        x: Axis::linear("neighbours replaced at random, %", 0.0, most),
-        y: Axis::logarithmic("median error, px", 0.5, 1000.0),
-        series,
-    })
 }
 
 /// One image under every scheme and attack, in small figures. `id` makes its element ids unique on the page.

@@ -6,7 +6,7 @@ use veiloc_evaluation::audit::{
 };
 use veiloc_protocol::Scheme;
 
-use crate::attacks::{error_curves, gallery, needs, schemes, summary, table};
+use crate::attacks::{gallery, needs, schemes, summary, table};
 use crate::drawing::{AttackFigures, error_legend};
 use crate::numbers::{capital, count, scheme_name};
 use crate::page::{Page, Section, fold};
@@ -19,7 +19,7 @@ const PAPER_UNDER_30: usize = 8;
 pub fn audit_page(audit: &Audit, options: &AuditOptions) -> String {
     let inputs = audit.document.inputs.as_ref().zip(audit.inputs.as_ref());
     let synthetic = audit.document.synthetic.as_ref().zip(audit.synthetic.as_ref());
-    let Some((main, shown)) = inputs.or(synthetic) else { return Page::default().html() };
+    let Some((main, _)) = inputs.or(synthetic) else { return Page::default().html() };
     let scene_is_main = inputs.is_none();
     let attacks = &main.attacks;
     let images = attacks.attacks.iter().map(|row| row.images).max().unwrap_or(0);
@@ -37,7 +37,7 @@ pub fn audit_page(audit: &Audit, options: &AuditOptions) -> String {
         sections: vec![
             Section::new("images", "True and recovered keypoints", images_of(inputs)),
             Section::new("strongest", "The strongest attack on each scheme", summary(attacks)),
-            Section::new("errors", "Errors of all keypoints", curves_and_table(main, shown)),
+            Section::new("errors", "Errors of all keypoints", every_attack(main)),
             Section::new("scene", "The paper's synthetic scene", synthetic_scene(synthetic, scene_is_main)),
         ],
         facts: &run_facts(main, options, audit.seconds),
@@ -61,14 +61,9 @@ fn notice(gallery: &ShownImages) -> Option<Markup> {
     })
 }
 
-fn curves_and_table(part: &AuditPart, gallery: &ShownImages) -> Markup {
+fn every_attack(part: &AuditPart) -> Markup {
     html! {
-        p {
-            "Every curve is one attack: the share of keypoints that it recovers to within an error. An attack whose curve runs along \
-             the dashed baseline adds nothing to the single line."
-        }
-        (error_curves(&part.attacks, gallery))
-        (fold("Table: every attack on every scheme", false, &table(&part.attacks, &part.relative_offset_error)))
+        (table(&part.attacks, &part.relative_offset_error))
         (fold("The attacks, and what each requires beside the query", false, &needs(&part.attacks)))
     }
 }

@@ -1,4 +1,4 @@
-//! Internal: reports as self-contained HTML pages, and charts as SVG.
+//! Internal: reports as self-contained HTML pages.
 //!
 //! This crate only presents results; it does not measure, attack or localize.
 //!
@@ -7,7 +7,6 @@
 //! - [`audit_page`]: what attackers recover from sealed queries ([`veiloc_evaluation::audit::Audit`]).
 //! - [`inversion_page`]: images reconstructed from descriptors.
 //! - [`map_picture`]: a small drawing of a map from above.
-//! - [`plots`]: documents of evaluations as charts.
 //!
 //! A page loads no external resource: scripts, fonts and images are embedded, and its content security policy forbids
 //! others. Templates are compiled and escape all text (`maud`). A page follows the reader's light or dark setting,
@@ -16,7 +15,6 @@
 
 mod attacks;
 mod audit;
-mod chart;
 mod demo;
 mod drawing;
 mod heat;
@@ -25,7 +23,6 @@ mod inversion;
 mod localization;
 mod numbers;
 mod page;
-pub mod plots;
 mod space;
 mod table;
 mod top_view;

@@ -8,8 +8,8 @@ use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, PreEscaped, html};
 use sha2::{Digest as _, Sha256};
 
-/// Styles of pages and of charts.
-const STYLE: &str = concat!(include_str!("style.css"), include_str!("chart.css"));
+/// Styles of pages.
+const STYLE: &str = include_str!("style.css");
 /// The script of the 3D view.
 const SCRIPT: &str = include_str!("space/space.js");
 

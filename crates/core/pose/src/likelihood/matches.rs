@@ -13,7 +13,7 @@
 //!
 //! The noise is a Student t distribution with four (points, in the plane) or five (lines) degrees of freedom, with `c =
 //! 8 / (3 π √5)`: most keypoints are precise and a few are not, and under a Gaussian the few would dominate. On
-//! keypoints with Gaussian noise it costs 2 % (`veiloc eval crb`). Further, `r` is the movement of the line at the
+//! keypoints with Gaussian noise it costs 2 % (`research/study/bound.py`). Further, `r` is the movement of the line at the
 //! projection in pixels per radian, which grows with the distance from the anchor: an angle observed far from the
 //! anchor contributes more than one near it, and the collapse of the scene into an anchor contributes nothing. The
 //! ratio counts only when the point is in front of the camera, inside the image and, for anchored lines, in a sector of

@@ -35,8 +35,6 @@ pub struct RowErrors {
     pub attack: Attack,
     /// Percent of the neighbours that were replaced at random.
     pub corrupt: f64,
-    /// Pixels, unsorted.
-    pub errors: Vec<f64>,
     /// Relative error of the offsets to neighbouring keypoints, as [`relative_offset_error`]; unsorted.
     pub relative_offset_error: Vec<f64>,
 }
@@ -147,15 +145,12 @@ impl AttackObserver for ShownImages {
             self.near.as_ref().map(|near| relative_offset_error(&trial.image.keypoints, trial.answers, near));
         let bent = bent.unwrap_or_default();
         if let Some(row) = self.errors.iter_mut().find(same) {
-            row.errors.extend_from_slice(trial.errors);
             row.relative_offset_error.extend_from_slice(&bent);
         } else {
-            let errors = trial.errors.to_vec();
             self.errors.push(RowErrors {
                 scheme,
                 attack,
                 corrupt: trial.corrupt,
-                errors,
                 relative_offset_error: bent,
             });
         }

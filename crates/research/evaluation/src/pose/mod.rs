@@ -1,13 +1,11 @@
-//! Evaluation of the pose engine alone: on given matches, and against lower limits.
+//! Evaluation of the pose engine alone, on given matches.
 //!
 //! - [`evaluate_poses`]: on given problems, by any [`Recipe`]; with [`Recipe::Floor`] from the truth.
-//! - [`crb`]: errors relative to the Cramér–Rao bound, on synthetic scenes.
 //! - [`pose_problem`]: a problem of a file, obfuscated, as input of the engine.
 //!
 //! Shared with other evaluations: [`true_matches`], [`mean_down`], [`scores_or_default`].
 #![forbid(unsafe_code)]
 
-pub mod crb;
 mod evaluate;
 mod floor;
 mod gravity;

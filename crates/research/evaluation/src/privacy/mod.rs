@@ -2,13 +2,11 @@
 //!
 //! - [`sessions`]: leakage of several frames of one scene, by the reference frame of their anchors.
 //! - [`adversaries`]: gain of each adversary from the queries of every scheme.
-//! - [`layouts`]: layouts of dcl: pose errors relative to points, and the gain of each adversary.
 //!
 //! This module uses the attacks of `attacks` and the pipeline of `evaluation`. It knows the ground truth and must not
 //! run on devices or servers.
 #![forbid(unsafe_code)]
 
 pub mod adversaries;
-pub mod layouts;
 pub mod sessions;
 mod spread;

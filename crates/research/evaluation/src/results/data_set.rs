@@ -1,16 +1,16 @@
-//! Results on a data set of several scenes: the document of `veiloc eval 7scenes`, `cambridge` and `aachen`.
+//! Results on a data set of several scenes: the document of `veiloc eval dataset`.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::results::document::{MapSummary, QueryResult, SchemeSummary};
 
-/// Also of `eval cambridge` and `eval aachen`. Its `schemes` and `queries` are those of `eval scene`, each with its scene.
+/// Its `schemes` and `queries` are those of `eval scene`, each with its scene.
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct DataSetEvaluation {
     /// Version of this document.
     pub version: u32,
-    /// The command: `eval 7scenes`, `eval cambridge` or `eval aachen`.
+    /// The command: `eval dataset 7scenes`, `eval dataset cambridge` or `eval dataset aachen`.
     pub command: &'static str,
     /// Names of the scenes.
     pub data: Vec<String>,
@@ -27,7 +27,7 @@ pub struct DataSetEvaluation {
 }
 
 /// Program and machine of a run.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RunInfo {
     /// Version of this program.
@@ -43,7 +43,7 @@ pub struct RunInfo {
 }
 
 /// A scene of a data set.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SceneInfo {
     /// Name of the scene.
@@ -73,14 +73,14 @@ pub struct SceneSummary {
 }
 
 /// A query of one scene under one row.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SceneQuery {
     /// The scene; absent in documents of one scene.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub scene: Option<String>,
     /// Condition of the query, `day` or `night`; absent if the data set does not distinguish conditions.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub condition: Option<String>,
     /// The result.
     #[serde(flatten)]

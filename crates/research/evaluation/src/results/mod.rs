@@ -1,8 +1,7 @@
 //! Results of evaluations: figures, JSON documents and text tables.
 //!
 //! - [`EvaluationDocument`] and its parts: the document of `eval pose` and `eval scene`; [`summarize`], [`table()`].
-//! - [`DataSetEvaluation`]: the same for the scenes of a data set; [`tables`]: its tables as in papers.
-//! - [`comparison`]: two runs on the same queries, with confidence intervals.
+//! - [`DataSetEvaluation`]: the same for the scenes of a data set.
 //! - [`metrics`]: pose errors, recall, medians. [`coverage`]: coverage of covariances. [`chi_squared`].
 //! - [`pose_lines`]: poses as lines of other programs' files (hloc, visuallocalization.net, TUM).
 //! - [`text_table`]: tables that fit a terminal.
@@ -10,7 +9,6 @@
 #![forbid(unsafe_code)]
 
 pub mod chi_squared;
-pub mod comparison;
 pub mod coverage;
 mod data_set;
 mod document;
@@ -20,7 +18,6 @@ pub mod pose_lines;
 pub mod state;
 mod summary;
 mod table;
-pub mod tables;
 pub mod text_table;
 mod uncertainty;
 

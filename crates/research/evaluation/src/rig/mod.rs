@@ -15,12 +15,11 @@ use veiloc_features::{Features, Progress};
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_localization::localize_rig;
 use veiloc_map::MapFile;
-use veiloc_mapping::Input;
 use veiloc_pose::ScoreKind;
 use veiloc_protocol::{Scheme, SealedFrame, SealedQuery};
 
 use crate::error::EvalError;
-use crate::pipeline::{PosedQuery, SceneMap, queries_of_scene, seal_query};
+use crate::pipeline::{PosedQuery, SceneMap, seal_query};
 use crate::results::{EstimatorVariant, EvaluationDocument, QueryResult, QueryUncertainty, summarize};
 use crate::scene::{SceneEvaluation, folder_name};
 use crate::stress::sparse::subsampled;
@@ -75,13 +74,7 @@ pub fn evaluate_rig(
 ) -> Result<EvaluationDocument, EvalError> {
     evaluation.check()?;
     let scene = &evaluation.scene;
-    let queries = queries_of_scene(
-        &scene.posed,
-        &scene.images,
-        &scene.map_list,
-        &scene.query_list,
-        &scene.query_cameras,
-    )?;
+    let queries = scene.queries()?;
     let poses: Vec<CameraFromWorld> = queries.iter().map(|q| q.cam_from_world).collect();
     let longest = evaluation.frames.iter().copied().max().unwrap_or(1);
     let newest: Vec<usize> = (0..queries.len())
@@ -98,8 +91,7 @@ pub fn evaluate_rig(
         StressCondition::SparseMap => subsampled(&scene.map_list),
         _ => scene.map_list.clone(),
     };
-    let input =
-        Input::new(&scene.posed, &scene.images).with_names(&names).on_other_frame(scene.on_other_frame);
+    let input = scene.map_input(&names);
     let SceneMap { file: map, summary, .. } =
         &SceneMap::build(&input, &scene.build, true, scene.keep_map.as_deref(), None, progress)?;
     progress.start("Extracting queries", queries.len());

@@ -14,14 +14,13 @@ use std::path::Path;
 
 use rayon::prelude::*;
 use veiloc_features::Progress;
-use veiloc_mapping::Input;
 use veiloc_mapping::build_cache::FolderCache;
 
 pub use drawing::{DrawnQuery, DrawnScheme, drawn_queries};
 pub use options::{NegativeQueryImages, SceneEvaluation};
 
 use crate::error::EvalError;
-use crate::pipeline::{EvaluatedQuery, SceneMap, ServedMap, SimulatedGravity, queries_of_scene};
+use crate::pipeline::{EvaluatedQuery, SceneMap, ServedMap, SimulatedGravity};
 use crate::results::{EvaluationDocument, MapSummary, NegativeSummary, QueryResult, summarize};
 use negatives::localize_negatives;
 use one_query::localize_query;
@@ -35,13 +34,7 @@ pub fn evaluate_scene(
     evaluation: &SceneEvaluation,
     progress: &dyn Progress,
 ) -> Result<EvaluationDocument, EvalError> {
-    let queries = queries_of_scene(
-        &evaluation.posed,
-        &evaluation.images,
-        &evaluation.map_list,
-        &evaluation.query_list,
-        &evaluation.query_cameras,
-    )?;
+    let queries = evaluation.queries()?;
     let strange_queries = match &evaluation.negatives {
         Some(negatives) => Some(negatives.queries(evaluation)?),
         None => None,
@@ -106,9 +99,7 @@ fn scene_map(
     if let Some(there) = stored.as_ref().and_then(|stored| stored.open()) {
         return there?.copied_to(keep);
     }
-    let mut input = Input::new(&evaluation.posed, &evaluation.images)
-        .with_names(&evaluation.map_list)
-        .on_other_frame(evaluation.on_other_frame);
+    let mut input = evaluation.map_input(&evaluation.map_list);
     let cache = work.map(|work| work.cache(&evaluation.build)).transpose()?;
     if let Some(cache) = &cache {
         input = input.with_cache(cache);

@@ -7,11 +7,12 @@ use veiloc_geometry::Intrinsics;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::PosedImages;
 use veiloc_map::regions::SplitOptions;
-use veiloc_mapping::{BuildOptions, OnOtherFrame, image_file, mask_file};
+use veiloc_mapping::{BuildOptions, Input, OnOtherFrame, image_file, mask_file};
 use veiloc_pose::ScoreKind;
 use veiloc_protocol::Scheme;
 
-use crate::pipeline::{EvaluatedQuery, GravityNoise, QueryTransmission};
+use crate::error::EvalError;
+use crate::pipeline::{EvaluatedQuery, GravityNoise, PosedQuery, QueryTransmission, queries_of_scene};
 use crate::results::metrics::Threshold;
 
 /// Inputs and options.
@@ -102,8 +103,18 @@ impl SceneEvaluation {
         }
     }
 
+    /// The queries with known poses; refused if one of them is in the map.
+    pub(crate) fn queries(&self) -> Result<Vec<PosedQuery>, EvalError> {
+        queries_of_scene(&self.posed, &self.images, &self.map_list, &self.query_list, &self.query_cameras)
+    }
+
+    /// The input of a map of these images.
+    pub(crate) fn map_input<'a>(&'a self, names: &'a [String]) -> Input<'a> {
+        Input::new(&self.posed, &self.images).with_names(names).on_other_frame(self.on_other_frame)
+    }
+
     /// The mask of a query, if queries have masks.
-    pub(super) fn mask_of(&self, name: &str) -> Option<PathBuf> {
+    pub(crate) fn mask_of(&self, name: &str) -> Option<PathBuf> {
         self.masks.as_deref().map(|folder| mask_file(folder, name))
     }
 

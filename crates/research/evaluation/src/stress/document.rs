@@ -154,7 +154,7 @@ impl StressDocument {
             version: 1,
             command: "eval stress",
             data,
-            seed: evaluation.seed,
+            seed: evaluation.scene.seed,
             wrong_beyond: evaluation.wrong_threshold.to_string(),
             rows: Vec::new(),
             queries: Vec::new(),
@@ -224,7 +224,7 @@ impl StressRow {
     pub(super) fn of(queries: &[StressQuery], evaluation: &StressEvaluation) -> Option<Self> {
         let first = queries.first()?;
         let errors: Vec<PoseErrors> = queries.iter().map(|q| q.error.pose_error()).collect();
-        let figures = TruthSummary::of(&errors, &evaluation.thresholds);
+        let figures = TruthSummary::of(&errors, &evaluation.scene.thresholds);
         let is_right = |e: &PoseErrors| e.within(&evaluation.wrong_threshold);
         let count = |state| queries.iter().filter(|q| q.state == state).count();
         let of_truth = |which: fn(&TruthStartErrors) -> &ErrorDocument| {
@@ -233,7 +233,7 @@ impl StressRow {
             errors
         };
         let optimum = of_truth(|t| &t.optimum);
-        let summed = |errors: &Vec<PoseErrors>| TruthSummary::of(errors, &evaluation.thresholds);
+        let summed = |errors: &Vec<PoseErrors>| TruthSummary::of(errors, &evaluation.scene.thresholds);
         Some(Self {
             scheme: first.scheme.clone(),
             stress: first.stress.clone(),
@@ -281,6 +281,7 @@ impl TruthSummary {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use crate::SceneEvaluation;
     use veiloc_map::PosedImages;
 
     pub(in crate::stress) fn query(
@@ -310,7 +311,10 @@ pub(super) mod tests {
     }
 
     pub(in crate::stress) fn evaluation() -> StressEvaluation {
-        StressEvaluation::new(PosedImages::default(), "images".into(), Vec::new(), Vec::new())
+        let thresholds = ["0.05/5", "0.25/2"].map(|text| text.parse().expect("well written"));
+        let scene =
+            SceneEvaluation::of_scene(PosedImages::default(), "images".into(), Vec::new(), Vec::new());
+        StressEvaluation::new(SceneEvaluation { thresholds: thresholds.to_vec(), ..scene })
     }
 
     #[test]

@@ -15,15 +15,14 @@ use rayon::prelude::*;
 use veiloc_features::{Features, GrayImage, Image, Progress, load_gray};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::MapFile;
-use veiloc_mapping::{BuildOptions, Input};
+use veiloc_mapping::BuildOptions;
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{SealOptions, extract_loaded};
 use veiloc_protocol::{Scheme, SizeClass};
 
 use crate::error::EvalError;
 use crate::pipeline::{
-    PosedQuery, SceneMap, SimulatedGravity, decode_and_localize, queries_of_scene, seal_query,
-    with_extractors,
+    PosedQuery, SceneMap, SimulatedGravity, decode_and_localize, seal_query, with_extractors,
 };
 use crate::scene::folder_name;
 use degrade::{degraded, wrong_camera};
@@ -58,36 +57,25 @@ pub fn evaluate_stress(
     evaluation: &StressEvaluation,
     progress: &dyn Progress,
 ) -> Result<StressDocument, EvalError> {
-    if evaluation.schemes.is_empty() || evaluation.query_list.is_empty() {
+    let scene = &evaluation.scene;
+    if scene.schemes.is_empty() || scene.query_list.is_empty() {
         return Err(EvalError::Options("no scheme or query to evaluate".to_owned()));
     }
-    let queries = queries_of_scene(
-        &evaluation.posed,
-        &evaluation.images,
-        &evaluation.map_list,
-        &evaluation.query_list,
-        &evaluation.query_cameras,
-    )?;
+    let queries = scene.queries()?;
     let stresses = evaluation.ordered();
-    let gravity_source = evaluation.gravity;
-    let gravity_source = gravity_source
-        .map(|noise| SimulatedGravity::of(&evaluation.posed, &evaluation.map_list, noise))
-        .transpose()?;
+    let gravity_source =
+        scene.gravity.map(|noise| SimulatedGravity::of(&scene.posed, &scene.map_list, noise)).transpose()?;
     let down = gravity_source.map(|gravity_source| gravity_source.down());
-    let build = |names: &[String]| {
-        let input = Input::new(&evaluation.posed, &evaluation.images)
-            .with_names(names)
-            .on_other_frame(evaluation.on_other_frame);
-        SceneMap::build(&input, &evaluation.build, true, None, down, progress)
-    };
+    let build =
+        |names: &[String]| SceneMap::build(&scene.map_input(names), &scene.build, true, None, down, progress);
     let sparse_names =
-        stresses.contains(&StressCondition::SparseMap).then(|| sparse::subsampled(&evaluation.map_list));
+        stresses.contains(&StressCondition::SparseMap).then(|| sparse::subsampled(&scene.map_list));
     // First, because a small place may have too few images for it.
     let sparse = sparse_names.map(|names| {
         let hint = |error| EvalError::DataSet(format!("sparse-map: {error}; leave it out with --stress"));
         build(&names).map_err(hint)
     });
-    let maps = Maps { sparse: sparse.transpose()?, all: build(&evaluation.map_list)? };
+    let maps = Maps { sparse: sparse.transpose()?, all: build(&scene.map_list)? };
 
     progress.start("Localizing queries", queries.len());
     let one = |query: &PosedQuery| {
@@ -98,14 +86,13 @@ pub fn evaluate_stress(
     let each: Result<Vec<Vec<StressQuery>>, EvalError> = queries.par_iter().map(one).collect();
     progress.finish();
     let each = each?;
-    let mut document = StressDocument::new(evaluation, folder_name(&evaluation.images));
+    let mut document = StressDocument::new(evaluation, folder_name(&scene.images));
     document.map = maps.all.summary;
-    document.sparse_map = maps
-        .sparse
-        .map(|map| SparseMap { stride: sparse::step_for(evaluation.map_list.len()), map: map.summary });
+    document.sparse_map =
+        maps.sparse.map(|map| SparseMap { stride: sparse::step_for(scene.map_list.len()), map: map.summary });
     let mut of_queries: Vec<_> = each.into_iter().map(Vec::into_iter).collect();
     let variants_per_query = if gravity_source.is_some() { 2 } else { 1 };
-    for _ in 0..stresses.len() * evaluation.schemes.len() * variants_per_query {
+    for _ in 0..stresses.len() * scene.schemes.len() * variants_per_query {
         let of_row: Vec<StressQuery> = of_queries.iter_mut().filter_map(Iterator::next).collect();
         document.rows.extend(StressRow::of(&of_row, evaluation));
         document.queries.extend(of_row);
@@ -121,34 +108,32 @@ fn under_each(
     gravity_source: Option<&SimulatedGravity>,
     evaluation: &StressEvaluation,
 ) -> Result<Vec<StressQuery>, EvalError> {
+    let scene = &evaluation.scene;
     let image = load_gray(&query.path)?;
     // Conditions that do not change the image share its features: all maps have the same profile.
-    let plain = extracted(&image, query, &maps.all.file, &evaluation.build)?;
+    let plain = extracted(&image, query, &maps.all.file, &scene.build)?;
     let variants: Vec<_> =
-        SimulatedGravity::variants(gravity_source, &query.name, Some(&query.cam_from_world), evaluation.seed)
+        SimulatedGravity::variants(gravity_source, &query.name, Some(&query.cam_from_world), scene.seed)
             .collect();
     let mut results = Vec::new();
     for stress in stresses {
-        let worse = match degraded(&image, *stress, &query.name, evaluation.seed) {
-            Some(worse) => Some(extracted(&worse, query, &maps.all.file, &evaluation.build)?),
+        let worse = match degraded(&image, *stress, &query.name, scene.seed) {
+            Some(worse) => Some(extracted(&worse, query, &maps.all.file, &scene.build)?),
             None => None,
         };
         let (features, camera) = worse.as_ref().unwrap_or(&plain);
-        let camera = wrong_camera(camera, *stress, &query.name, evaluation.seed).unwrap_or(*camera);
-        for (scheme, gravity) in evaluation.schemes.iter().flat_map(|s| variants.iter().map(move |g| (s, *g)))
-        {
+        let camera = wrong_camera(camera, *stress, &query.name, scene.seed).unwrap_or(*camera);
+        for (scheme, gravity) in scene.schemes.iter().flat_map(|s| variants.iter().map(move |g| (s, *g))) {
             let map = maps.under(*stress);
-            let options = sealed_under(*stress, *scheme, &evaluation.build).with_gravity(gravity);
-            let sent = seal_query(features, &camera, map.profile(), &options, &query.name, evaluation.seed);
+            let options = sealed_under(*stress, *scheme, &scene.build).with_gravity(gravity);
+            let sent = seal_query(features, &camera, map.profile(), &options, &query.name, scene.seed);
             let from_truth = |sent| {
                 let (truth, radius) = (&query.cam_from_world, evaluation.oracle_radius_px);
-                evaluation
-                    .from_truth
-                    .then(|| TruthStartErrors::of(sent, truth, map, &evaluation.localize, radius))
+                evaluation.from_truth.then(|| TruthStartErrors::of(sent, truth, map, &scene.localize, radius))
             };
             let result = match &sent {
                 Ok(sent) => {
-                    let answer = decode_and_localize(map, &sent.bytes, &evaluation.localize);
+                    let answer = decode_and_localize(map, &sent.bytes, &scene.localize);
                     StressQuery::answered(query, *stress, *scheme, &answer, from_truth(sent))
                 }
                 Err(error) => StressQuery::unsealed(

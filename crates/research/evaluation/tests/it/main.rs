@@ -2,7 +2,6 @@
 
 mod audit;
 mod inversion;
-mod pose;
 mod privacy;
 mod real_regions;
 mod real_scenes;

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use veiloc_evaluation::SceneEvaluation;
 use veiloc_evaluation::negatives::{CameraSource, NegativeImage, NegativesEvaluation, evaluate_negatives};
 use veiloc_evaluation::stress::{StressCondition, StressEvaluation, evaluate_stress};
 use veiloc_features::Extractors;
@@ -25,7 +26,11 @@ fn stress_conditions_of_redkitchen(data: &Path) {
     let kitchen = data.join("redkitchen");
     let posed = read_posed(&kitchen.join("posed")).expect("poses of the data");
     let (map, queries) = (names(&kitchen.join("map.txt"), 2), names(&kitchen.join("query.txt"), 5));
-    let mut evaluation = StressEvaluation::new(posed, kitchen.join("images"), map, queries);
+    let mut evaluation = StressEvaluation::new(SceneEvaluation {
+        schemes: vec![Scheme::Points, Scheme::RandomLines, Scheme::default()],
+        thresholds: vec!["0.25/2".parse().expect("well written")],
+        ..SceneEvaluation::of_scene(posed, kitchen.join("images"), map, queries)
+    });
     evaluation.stresses =
         vec![StressCondition::Dark, StressCondition::LowResolution, StressCondition::FewKeypoints];
     evaluation.from_truth = true;
@@ -48,8 +53,11 @@ fn wrong_focal_length_leads_to_no_wrong_trusted_pose(data: &Path) {
     let kitchen = data.join("redkitchen");
     let posed = read_posed(&kitchen.join("posed")).expect("poses of the data");
     let (map, queries) = (names(&kitchen.join("map.txt"), 2), names(&kitchen.join("query.txt"), 1));
-    let mut evaluation = StressEvaluation::new(posed, kitchen.join("images"), map, queries);
-    (evaluation.stresses, evaluation.schemes) = (vec![StressCondition::Focal(30)], vec![Scheme::default()]);
+    let mut evaluation = StressEvaluation::new(SceneEvaluation {
+        thresholds: vec!["0.25/2".parse().expect("well written")],
+        ..SceneEvaluation::of_scene(posed, kitchen.join("images"), map, queries)
+    });
+    evaluation.stresses = vec![StressCondition::Focal(30)];
     let result = evaluate_stress(&evaluation, &()).expect("evaluated");
     let queries = || result.queries.iter().filter(|query| query.stress == "focal-30");
     for query in queries().filter(|query| query.state == State::Trusted) {

@@ -2,7 +2,6 @@
 
 use image::RgbImage;
 use veiloc_evaluation::results::SchemeSummary;
-use veiloc_evaluation::results::tables::TableData;
 use veiloc_geometry::{CameraFromWorld, Pixel};
 use veiloc_pose::State;
 use veiloc_protocol::Observations;
@@ -29,8 +28,6 @@ pub struct LocalizationReport {
     pub methods: Vec<Method>,
     /// The result of every query by every method.
     pub outcomes: Vec<QueryOutcome>,
-    /// The evaluation's document, for error curves.
-    pub data: Option<TableData>,
     /// The scenes.
     pub scenes: Vec<SceneView>,
     /// The expected ± over the first scene; empty for a report on queries.

@@ -16,7 +16,6 @@ pub use worst::worst_first;
 use crate::heat;
 use crate::numbers::scheme_name;
 use crate::page::{Page, Section, fold};
-use crate::plots::{ErrorAxis, error_charts};
 use crate::space::{self, Budget, SpaceRow};
 
 /// Maximum number of map points and queries drawn in 3D, over all scenes of a page.
@@ -57,7 +56,7 @@ fn method_name(method: &Method) -> String {
     if method.variant.is_empty() { name } else { format!("{name} · {}", method.variant) }
 }
 
-/// Tables and curves over all queries.
+/// Tables over all queries.
 pub(crate) fn overview(report: &LocalizationReport) -> Markup {
     let groups = tables::groups(report);
     if groups.is_empty() {
@@ -79,26 +78,12 @@ pub(crate) fn overview(report: &LocalizationReport) -> Markup {
              against the true pose; a query that was not localized counts as an infinite error."
         }
         (each(&|methods| tables::errors(methods, report.unit)))
-        (curves(report))
         @if !trust.0.is_empty() {
             h3 { "Trust" }
             p { "A pose is trusted, doubtful or not found. A trusted pose outside every bound of the table above is wrong." }
             (trust)
         }
         (fold("Time of a query, median of each stage", false, &each(&|methods| tables::stage_times(methods))))
-    }
-}
-
-fn curves(report: &LocalizationReport) -> Markup {
-    let Some(data) = &report.data else { return html! {} };
-    let charts =
-        [ErrorAxis::Position, ErrorAxis::Orientation].map(|axis| error_charts(data, axis, report.unit));
-    let drawn = html! {
-        @for chart in charts.iter().flatten() { figure { (chart.svg()) } }
-    };
-    html! {
-        @if charts[0].len() > 1 { (fold("Curves of errors", false, &html! { div.row { (drawn) } })) }
-        @else if !drawn.0.is_empty() { h3 { "Curves of errors" } div.two { (drawn) } }
     }
 }
 

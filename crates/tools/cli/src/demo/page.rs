@@ -5,7 +5,6 @@ use veiloc_features::Progress;
 use veiloc_map::MapFile;
 
 use veiloc_evaluation::audit::Attack;
-use veiloc_evaluation::results::tables::TableData;
 use veiloc_evaluation::results::{EvaluationDocument, SchemeSummary};
 use veiloc_report::{
     Card, DemoReport, DeviceQuery, LengthUnit, LocalizationReport, QueryDrawing, SceneView, worst_first,
@@ -51,8 +50,6 @@ pub(crate) fn page(
     let queries = evaluation.queries.iter().map(|query| (None, query));
     let view = SceneView { up: Some([0.0, 0.0, 1.0]), ..SceneView::of_map("", map) };
     run.add_scene(view, methods, queries, &|name| scene.pose_of(name));
-    let json = serde_json::to_string(evaluation).unwrap_or_default();
-    run.data = TableData::parse(&json).ok();
     let shown = scene.query_list.first().cloned();
     let mut names: Vec<String> = shown.into_iter().collect();
     for (_, name) in worst_first(&run.methods, &run.outcomes).into_iter().take(DRAWN) {

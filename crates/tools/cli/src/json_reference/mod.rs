@@ -10,7 +10,7 @@ use schemars::generate::SchemaSettings;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde_json::Value;
 use utoipa::ToSchema as _;
-use veiloc_evaluation::{audit, inversion, pose, privacy, results, stress};
+use veiloc_evaluation::{audit, inversion, privacy, results, stress};
 use veiloc_protocol::AnswerDocument;
 
 use self::page::Page;
@@ -36,13 +36,9 @@ pub fn json_reference() -> Result<String, String> {
     page.section("eval scene", &schema::<results::EvaluationDocument>());
     page.section("eval stress", &schema::<stress::StressDocument>());
     page.section("eval negatives", &schema::<commands::eval::negatives::NegativesDocument>());
-    page.section("eval retrieval", &schema::<commands::eval::retrieval::RetrievalDocument>());
-    page.section("eval 7scenes", &schema::<results::DataSetEvaluation>());
-    page.section("eval compare", &schema::<commands::eval::compare::CompareDocument>());
-    page.section("eval crb", &schema::<pose::crb::BoundEvaluation>());
+    page.section("eval dataset", &schema::<results::DataSetEvaluation>());
     page.section("eval sessions", &schema::<privacy::sessions::SessionsDocument>());
     page.section("eval adversaries", &schema::<privacy::adversaries::AdversariesDocument>());
-    page.section("eval layouts", &schema::<privacy::layouts::LayoutsDocument>());
     page.section("attack", &schema::<audit::AttackDocument>());
     page.section("audit", &schema::<audit::AuditDocument>());
     page.section("demo", &schema::<crate::demo::DemoDocument>());

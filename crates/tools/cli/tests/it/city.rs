@@ -1,4 +1,4 @@
-//! `veiloc synth city` and `eval retrieval`: rooms in one world, and retrieval among synthetic descriptors.
+//! `veiloc synth city`: rooms in one world.
 
 use super::common;
 
@@ -31,29 +31,4 @@ fn rooms_of_a_city_are_localized() {
     let refused = scene.run("synth city --out none --rooms 1 --differing 1.5");
     assert!(refused.code == Some(1) && refused.stderr.contains("from 0 to 1"), "{refused}");
     assert!(!scene.path("none").exists());
-}
-
-#[test]
-fn index_matches_exhaustive_search() {
-    let scene = scene();
-    let found = scene
-        .run(
-            "eval retrieval --map place.vmap --images images --query-list queries.txt --sizes 8,5000 --retrieve 5 --json",
-        )
-        .succeeded()
-        .json();
-    let rows = found["rows"].as_array().expect("rows");
-    let of = |images: u64, search: &str| {
-        let row = rows.iter().find(|r| r["images"] == images && r["search"] == search);
-        row.unwrap_or_else(|| panic!("{images} {search}: {found}"))
-    };
-    assert_eq!(rows.len(), 4);
-    for images in [8, 5000] {
-        assert_eq!(of(images, "all")["recall"], 1.0, "{found}");
-        assert!(of(images, "index")["recall"].as_f64().is_some_and(|recall| recall > 0.9), "{found}");
-    }
-    assert_eq!(of(8, "index")["recall"], 1.0, "of so few all are compared: {found}");
-    assert_eq!((&of(8, "all")["real"], &of(8, "all")["map_share"]), (&8.into(), &1.0.into()), "{found}");
-    let refused = scene.run("eval retrieval --map place.vmap --images images --sizes 0");
-    assert!(refused.code == Some(1) && refused.stderr.contains("no images to search"), "{refused}");
 }

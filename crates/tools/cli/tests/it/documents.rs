@@ -38,24 +38,14 @@ const COMMANDS: &[(&str, &str)] = &[
         "eval stress --posed posed --images images --map-list map.txt --query-list queries.txt {few} --optimum \
          --schemes dcl --stress half-hidden,sparse-map --json",
     ),
-    ("eval 7scenes", "eval 7scenes --root 7scenes --poses depth --schemes points,dcl --jobs 1 {few} --json"),
-    ("eval 7scenes", "eval aachen --root aachen --schemes dcl {few} --json"),
+    (
+        "eval dataset",
+        "eval dataset 7scenes --root 7scenes --poses depth --schemes points,dcl --jobs 1 {few} --json",
+    ),
+    ("eval dataset", "eval dataset aachen --root aachen --schemes dcl {few} --json"),
     (
         "eval negatives",
         "eval negatives --map place.vmap --images images --schemes points,dcl --list foreign.txt --json",
-    ),
-    (
-        "eval retrieval",
-        "eval retrieval --map place.vmap --images images --query-list queries.txt --sizes 8,300 --json",
-    ),
-    (
-        "eval crb",
-        "eval crb --scenes narrow --schemes dcl --keypoint-noise 1 --outliers 25 --problems 4 --matches 100 --json",
-    ),
-    (
-        "eval layouts",
-        "eval layouts --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
-         --layouts dcl:horizontal --stress none --max-attacked 1 --json",
     ),
     (
         "eval adversaries",
@@ -68,7 +58,6 @@ const COMMANDS: &[(&str, &str)] = &[
         "eval inversion images/query-1.png --features sift --network {networks}/learned/inversion.toml --classifier \
          {networks}/image_metrics/classifier.onnx --max-keypoints 64 -k 5 --schemes dcl --json",
     ),
-    ("eval compare", "eval compare compared.json compared.json --json"),
     ("attack", "attack --synthetic 60 --schemes dcl --attacks closed-form --json"),
     (
         "attack",
@@ -125,7 +114,6 @@ fn ready() -> &'static TestScene {
             "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt";
         let few = EXTRACTION.join(" ");
         scene.run(&format!("{problems} {few} -o p.jsonl --keypoints k.jsonl")).succeeded();
-        scene.run("eval pose p.jsonl --schemes points --json compared.json").succeeded();
     });
     scene
 }
@@ -208,10 +196,7 @@ fn into_a_full_device(scene: &TestScene, command: &str) -> (Option<i32>, String)
 fn unwritable_results_exit_with_3() {
     let scene = ready();
     // All commands print by one function (clippy refuses `println!`), so evaluations that take long are left out.
-    let is_quick = |command: &str| {
-        !command.starts_with("eval")
-            || ["eval compare", "eval crb", "eval pose"].iter().any(|c| command.starts_with(c))
-    };
+    let is_quick = |command: &str| !command.starts_with("eval") || command.starts_with("eval pose");
     let with_and_without =
         COMMANDS.iter().filter(|(_, command)| is_quick(command)).flat_map(|(_, command)| {
             let json = words(command);

@@ -1,4 +1,4 @@
-//! `veiloc synth export`, `eval 7scenes|cambridge|aachen` and `eval tables`: a rendered scene in every layout,
+//! `veiloc synth export` and `eval dataset`: a rendered scene in every layout,
 //! evaluated through the reader; an interrupted run continues.
 
 use super::common;
@@ -20,7 +20,7 @@ fn export(scene: &TestScene, layout: &str) {
 fn evaluated(scene: &TestScene, data_set: &str, more: &str) -> Value {
     scene
         .run(&format!(
-            "eval {data_set} --root {data_set} --schemes points,dcl {} {more} --json -",
+            "eval dataset {data_set} --root {data_set} --schemes points,dcl {} {more} --json -",
             EXTRACTION.join(" ")
         ))
         .succeeded()
@@ -109,10 +109,6 @@ fn aachen_layout_is_written_and_evaluated_and_poses_are_submitted() {
         blind["schemes"].as_array().expect("rows").iter().all(|row| row["recall"] == serde_json::json!({}))
     );
     assert_eq!(text("blind-dcl.txt"), submitted);
-    scene.write("blind.json", blind.to_string());
-    let refused = scene.run("eval tables blind.json");
-    assert_eq!(refused.code, Some(1), "{refused}");
-    assert!(refused.stderr.contains("no query of this document has a known pose"), "{refused}");
 }
 
 #[test]
@@ -164,26 +160,9 @@ fn interrupted_runs_resume_without_losing_queries() {
     assert_eq!(journal().lines().count(), 7);
     // A damaged line in the middle is named.
     scene.write("work/room/queries.jsonl", format!("{{\n{again}"));
-    let refused = scene.run("eval 7scenes --root 7scenes --schemes points,dcl --work work");
+    let refused = scene.run("eval dataset 7scenes --root 7scenes --schemes points,dcl --work work");
     assert_eq!(refused.code, Some(1), "{refused}");
     assert!(refused.stderr.contains("queries.jsonl:1:"), "{refused}");
-
-    scene.write("results.json", resumed.to_string());
-    for (format, begins) in [("markdown", "| points |"), ("latex", "points & "), ("csv", "points,")] {
-        let text = scene.run(&format!("eval tables results.json --{format}")).succeeded().stdout;
-        assert!(text.lines().any(|line| line.starts_with(begins)), "{text}");
-        assert!(text.contains("Not the published data") || format == "csv", "{text}");
-        assert!(!text.contains("DSAC"), "{text}");
-    }
-    scene.run("eval tables results.json --plot plots").succeeded();
-    for plot in ["position.svg", "orientation.svg", "times.svg"] {
-        let svg = String::from_utf8(scene.read(&format!("plots/{plot}"))).expect("text");
-        assert!(svg.contains("dcl") && svg.contains("</svg>"), "{plot}");
-    }
-    // Two runs on the same queries are compared, scene by scene.
-    scene.write("whole.json", whole.to_string());
-    let compared = scene.run("eval compare whole.json results.json").succeeded().stdout;
-    assert!(compared.contains("room"), "{compared}");
 }
 
 #[test]
@@ -195,13 +174,16 @@ fn missing_files_are_named_with_source() {
         ("cambridge", "repository.cam.ac.uk"),
         ("aachen", "visuallocalization.net"),
     ] {
-        let refused = scene.run(&format!("eval {data_set} --root empty"));
+        let refused = scene.run(&format!("eval dataset {data_set} --root empty"));
         assert_eq!(refused.code, Some(1), "{refused}");
         assert!(refused.stderr.contains(where_it_is), "{refused}");
     }
+    let refused = scene.run("eval dataset cambridge --root empty --submission a.txt");
+    assert!(
+        refused.code == Some(1) && refused.stderr.contains("--submission is no option of cambridge"),
+        "{refused}"
+    );
     let refused = scene.run("synth export --layout 7scenes --out empty");
     assert_eq!(refused.code, Some(1), "{refused}");
     assert!(refused.stderr.contains("the folder is not empty"), "{refused}");
-    let refused = scene.run("eval tables empty/here.txt");
-    assert_eq!(refused.code, Some(1), "{refused}");
 }

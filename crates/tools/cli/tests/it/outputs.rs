@@ -5,7 +5,7 @@ use super::common;
 use common::{CAMERA, folder, scene};
 
 /// Command lines whose inputs do not exist, with `OUT` for an output.
-const COMMANDS: [&str; 36] = [
+const COMMANDS: [&str; 31] = [
     "map build --posed none --images none -o OUT",
     "map build --posed none --images none -o good --out-pairs OUT",
     "map import --model none --images none -o OUT",
@@ -21,31 +21,26 @@ const COMMANDS: [&str; 36] = [
     "audit none.jpg --json OUT",
     "attack none.jsonl --json OUT",
     "eval pose none.jsonl --json OUT",
-    "eval crb --json OUT",
-    "eval crb --plot OUT",
     "eval keypoints none.jpg -o OUT",
-    "eval compare none.json none.json --json OUT",
     "eval negatives --map none.vmap --images none --json OUT",
-    "eval retrieval --map none.vmap --images none --json OUT",
     "eval problems SCENE -o OUT",
     "eval problems SCENE -o good --keypoints OUT",
     "eval scene SCENE --json OUT",
     "eval scene SCENE --report OUT",
     "eval scene SCENE --keep-map OUT",
     "eval stress SCENE --json OUT",
-    "eval layouts SCENE --plot OUT",
     "eval inversion none.jpg --network none.toml --contact-sheet OUT",
     "eval inversion none.jpg --network none.toml --report OUT",
-    "eval 7scenes --root none --json OUT",
-    "eval 7scenes --root none --report OUT",
-    "eval 7scenes --root none --attack 1 --attack-json OUT",
-    "eval cambridge --root none --json OUT",
-    "eval aachen --root none --submission OUT",
-    "eval aachen --root none --json OUT",
+    "eval dataset 7scenes --root none --json OUT",
+    "eval dataset 7scenes --root none --report OUT",
+    "eval dataset 7scenes --root none --attack 1 --attack-json OUT",
+    "eval dataset cambridge --root none --json OUT",
+    "eval dataset aachen --root none --submission OUT",
+    "eval dataset aachen --root none --json OUT",
 ];
 
 /// The same with `OUT` for a folder, which is created.
-const FOLDERS: [&str; 11] = [
+const FOLDERS: [&str; 10] = [
     "map split none.vmap -o OUT",
     "map export none.vmap --colmap OUT",
     "map build --posed none --images none -o good --work OUT",
@@ -54,7 +49,6 @@ const FOLDERS: [&str; 11] = [
     "synth city --out OUT",
     "synth export --layout 7scenes --out OUT",
     "eval scene SCENE --work OUT",
-    "eval tables none.json --plot OUT",
     "audit none.jpg -o OUT",
     "seal none.jpg --profile none.vprofile -o OUT",
 ];

@@ -82,7 +82,9 @@ fn data_set_report_has_every_scene() {
         .succeeded();
     let few = "--max-keypoints 512 --query-keypoints 512 --schemes dcl --jobs 1";
     scene
-        .run(&format!("eval 7scenes --root 7s --poses depth {few} --report 7s.html --report-queries 2"))
+        .run(&format!(
+            "eval dataset 7scenes --root 7s --poses depth {few} --report 7s.html --report-queries 2"
+        ))
         .succeeded();
     let text = page(scene, "7s.html");
     assert_eq!(text.matches("<details class=\"fold\" id=\"query-").count(), 2);

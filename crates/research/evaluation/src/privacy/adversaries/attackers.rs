@@ -86,13 +86,6 @@ impl AttackGain {
 }
 
 impl Attackers<'_> {
-    /// Mean error of the prior-only baseline on all images, attacked or not, by scheme, pixels.
-    pub(crate) fn prior_errors(&self, progress: &dyn Progress) -> Result<BTreeMap<String, f64>, EvalError> {
-        let images: Vec<KeypointImage> = self.keypoints.all().cloned().collect();
-        let baseline = run(&self.evaluation(), images, "Computing the baseline", progress)?;
-        Ok(baseline.attacks.into_iter().map(|a| (a.scheme, a.mean_px)).collect())
-    }
-
     /// Gain of an adversary by scheme; empty if its resources are missing, or if a server finds no pose under the
     /// scheme.
     pub(crate) fn gains(

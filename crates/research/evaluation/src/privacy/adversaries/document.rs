@@ -8,7 +8,7 @@ use super::adversary::Adversary;
 use super::attackers::{AttackGain, Gain};
 use super::options::AdversariesEvaluation;
 
-/// Also of `--attack-json` of `eval 7scenes`, `eval cambridge` and `eval aachen`.
+/// Also of `--attack-json` of `eval dataset`.
 /// `veiloc eval adversaries --help` lists the adversaries; one without the required resources (a map, training data, a
 /// trusted pose) has no row.
 #[derive(Debug, Clone, PartialEq, Serialize)]

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::EvalError;
 use crate::privacy::spread::spread;
-use crate::{GeneratedProblem, ProblemSource, folder_name, make_problems};
+use crate::{GeneratedProblem, SceneEvaluation, folder_name, make_problems};
 use tempfile::TempDir;
 use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints, json_lines, read_keypoints};
 use veiloc_features::Progress;
@@ -38,16 +38,13 @@ impl AttackedKeypoints {
     /// Keypoints of a scene: of its queries, `attacked` of which are attacked (`None` for all), and of its map
     /// images.
     pub(crate) fn of_scene(
-        source: &ProblemSource<'_>,
+        scene: &SceneEvaluation,
         attacked: Option<usize>,
         progress: &dyn Progress,
     ) -> Result<Self, EvalError> {
-        let queries = source.query_list;
-        let listed = [queries, source.map_list].concat();
-        let data = folder_name(source.images);
-        let source = ProblemSource { query_list: &listed, ..*source };
-        let mut made: Vec<GeneratedProblem> = make_problems(&source, progress)?;
-        let of_map = made.split_off(queries.len());
+        let data = folder_name(&scene.images);
+        let mut made: Vec<GeneratedProblem> = make_problems(scene, true, progress)?;
+        let of_map = made.split_off(scene.query_list.len());
         let map_lines: Vec<String> = of_map.iter().map(|m| m.line.clone()).collect();
         let map: Vec<KeypointImage> = of_map.into_iter().map(|m| m.keypoints).collect();
         let temporary = |source| EvalError::Io { path: std::env::temp_dir(), source };
@@ -77,11 +74,6 @@ impl AttackedKeypoints {
         let images = read_keypoints(path)?;
         let (attacked, others) = split(images, attacked);
         Ok(Self { data: json_lines::display_name(path), attacked, others, scene: None })
-    }
-
-    /// All images, the attacked ones first.
-    pub(crate) fn all(&self) -> impl Iterator<Item = &KeypointImage> {
-        self.attacked.iter().chain(&self.others)
     }
 }
 

@@ -11,15 +11,14 @@ mod options;
 mod table;
 
 use crate::EvalError;
-use crate::{ProblemSource, masks_of};
-pub(crate) use attackers::{Attackers, Gain};
+pub(crate) use attackers::Attackers;
 pub(crate) use keypoints::AttackedKeypoints;
 use veiloc_features::Progress;
 
 pub use adversary::{Adversary, UnknownAdversary};
 pub use attackers::AttackGain;
 pub use document::{AdversariesDocument, AdversaryRow};
-pub use options::{AdversariesEvaluation, AdversaryScene};
+pub use options::AdversariesEvaluation;
 pub use table::adversaries_table;
 
 /// Attacks queries of a scene, or images of files without a map, as every adversary whose resources are available.
@@ -33,18 +32,7 @@ pub fn evaluate_adversaries(
     evaluation.check()?;
     let mut sets = Vec::new();
     if let Some(scene) = &evaluation.scene {
-        let source = ProblemSource {
-            posed: &scene.posed,
-            images: &scene.images,
-            map_list: &scene.map_list,
-            query_list: &scene.query_list,
-            build: &scene.build,
-            on_other_frame: scene.on_other_frame,
-            localize: &scene.localize,
-            masks: &masks_of(&scene.query_list, scene.masks.as_deref()),
-            seed: evaluation.seed,
-        };
-        sets.push(AttackedKeypoints::of_scene(&source, evaluation.attacked, progress)?);
+        sets.push(AttackedKeypoints::of_scene(scene, evaluation.attacked, progress)?);
     }
     for file in &evaluation.files {
         sets.push(AttackedKeypoints::of_file(file, evaluation.attacked)?);

@@ -2,42 +2,17 @@
 
 use std::path::PathBuf;
 
-use veiloc_localization::LocalizeOptions;
-use veiloc_map::PosedImages;
-use veiloc_mapping::{BuildOptions, OnOtherFrame};
 use veiloc_protocol::Scheme;
 
 use super::adversary::Adversary;
-
-use crate::EvalError;
-
-/// A scene with known poses, split into map and queries.
-#[derive(Debug, Clone)]
-pub struct AdversaryScene {
-    /// Cameras and poses.
-    pub posed: PosedImages,
-    /// Folder of the images.
-    pub images: PathBuf,
-    /// Images the map is built from.
-    pub map_list: Vec<String>,
-    /// Images that are queries.
-    pub query_list: Vec<String>,
-    /// How the map is built.
-    pub build: BuildOptions,
-    /// Treatment of map images whose poses are in another frame than the rest.
-    pub on_other_frame: OnOtherFrame,
-    /// Retrieval and matching.
-    pub localize: LocalizeOptions,
-    /// Folder of the queries' masks ([`veiloc_mapping::mask_file`]): masked keypoints are not sent. `None`: no masks.
-    pub masks: Option<PathBuf>,
-}
+use crate::{EvalError, SceneEvaluation};
 
 /// Inputs and options.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct AdversariesEvaluation {
-    /// A scene whose map servers know; `None` for files alone.
-    pub scene: Option<AdversaryScene>,
+    /// A scene whose map servers know, with the seed of its keypoints' dither; `None` for files alone.
+    pub scene: Option<SceneEvaluation>,
     /// Keypoint files of images without a map.
     pub files: Vec<PathBuf>,
     /// Schemes, in the order of the table. Schemes that send positions are skipped.

@@ -23,13 +23,12 @@ mod motion;
 mod table;
 
 use crate::EvalError;
-use crate::pipeline::{GravityNoise, PosedQuery, SceneMap, SimulatedGravity, queries_of_scene};
+use crate::pipeline::{GravityNoise, PosedQuery, SceneMap, SimulatedGravity};
 use crate::results::{QueryResult, summarize};
 use crate::{SceneEvaluation, sequence_of};
 use rayon::prelude::*;
 use veiloc_features::Progress;
 use veiloc_geometry::CameraFromWorld;
-use veiloc_mapping::Input;
 use veiloc_obfuscation::{SessionAnchors, SessionOptions};
 use veiloc_protocol::Scheme;
 
@@ -120,19 +119,11 @@ pub fn evaluate_sessions(
 ) -> Result<SessionsDocument, EvalError> {
     evaluation.check()?;
     let scene = &evaluation.scene;
-    let queries = queries_of_scene(
-        &scene.posed,
-        &scene.images,
-        &scene.map_list,
-        &scene.query_list,
-        &scene.query_cameras,
-    )?;
+    let queries = scene.queries()?;
     let poses: Vec<CameraFromWorld> = queries.iter().map(|q| q.cam_from_world).collect();
     let attacked = attacked(evaluation, &poses)?;
     let gravity_source = SimulatedGravity::of(&scene.posed, &scene.map_list, SESSION_SENSOR)?;
-    let input = Input::new(&scene.posed, &scene.images)
-        .with_names(&scene.map_list)
-        .on_other_frame(scene.on_other_frame);
+    let input = scene.map_input(&scene.map_list);
     let SceneMap { file: map, summary, .. } =
         &SceneMap::build(&input, &scene.build, true, scene.keep_map.as_deref(), None, progress)?;
     progress.start("Extracting queries", queries.len());

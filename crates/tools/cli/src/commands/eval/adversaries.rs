@@ -2,17 +2,16 @@
 
 use std::path::PathBuf;
 
+use veiloc_evaluation::SceneEvaluation;
 use veiloc_evaluation::privacy::adversaries::{
-    AdversariesEvaluation, Adversary, AdversaryScene, adversaries_table, evaluate_adversaries,
+    AdversariesEvaluation, Adversary, adversaries_table, evaluate_adversaries,
 };
 use veiloc_protocol::Scheme;
 
 use crate::commands::eval::posed_scene::{OptionalPosedSceneArgs, with_remedy};
-use crate::commands::posed::read_posed;
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::json_args::JsonArgs;
-use crate::lists;
 use crate::localization_args::MatchArgs;
 use crate::stages::Stages;
 use crate::ui::Ui;
@@ -92,15 +91,12 @@ Example: veiloc eval keypoints photos -o photos.jsonl.gz
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let mut evaluation = AdversariesEvaluation::new();
     if let Some(scene) = args.posed_scene.given() {
-        evaluation.scene = Some(AdversaryScene {
-            posed: read_posed(&scene.posed, &scene.images, ui)?,
-            on_other_frame: scene.check.on_other_frame(),
-            images: scene.images,
-            map_list: lists::read_list(&scene.map_list)?,
-            query_list: lists::read_list(&scene.query_list)?,
+        evaluation.scene = Some(SceneEvaluation {
             build: args.extraction.options()?,
             localize: args.matching.localize_options(),
             masks: args.masks.clone(),
+            seed: args.seed,
+            ..scene.scene(false, ui)?
         });
     }
     evaluation.files.clone_from(&args.keypoints);

@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
-use veiloc_evaluation::results::tables::TableData;
 use veiloc_evaluation::results::{QueryResult, SchemeSummary};
 use veiloc_evaluation::{DrawnQuery, SceneEvaluation, drawn_queries};
 use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
@@ -114,14 +113,8 @@ impl HtmlReport {
         }
     }
 
-    /// Writes the report. `json`: the document, for curves.
-    pub(super) fn write(
-        mut self,
-        title: &str,
-        json: &str,
-        facts: Vec<(String, String)>,
-        ui: &Ui,
-    ) -> Result<(), Failure> {
+    /// Writes the report.
+    pub(super) fn write(mut self, title: &str, facts: Vec<(String, String)>, ui: &Ui) -> Result<(), Failure> {
         let run = &mut self.run;
         let (queries, scenes) = (worst_first(&run.methods, &run.outcomes).len(), run.scenes.len());
         title.clone_into(&mut run.title);
@@ -140,7 +133,6 @@ impl HtmlReport {
                  them. --report-without-images leaves them out."
             ),
         });
-        run.data = TableData::parse(json).ok();
         run.add_cards();
         run.facts = facts;
         write_page(&self.path, &localization_page(run), ui)

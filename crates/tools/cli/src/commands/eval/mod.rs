@@ -1,25 +1,20 @@
-//! `veiloc eval`: measures localization on data with known poses, and against theoretical bounds.
+//! `veiloc eval`: measures localization on data with known poses.
 
 mod adversaries;
-pub(crate) mod compare;
-mod crb;
 mod data_set;
 pub(crate) mod html;
 mod inversion;
 mod keypoints;
-mod layouts;
 pub(crate) mod negatives;
 mod pose;
 mod posed_scene;
 mod problems;
 mod report;
-pub(crate) mod retrieval;
 mod rig;
 mod scene;
 mod sessions;
 mod split;
 mod stress;
-mod tables;
 
 use crate::exit::Outcome;
 use crate::ui::Ui;
@@ -29,38 +24,23 @@ use crate::ui::Ui;
 pub(crate) enum Command {
     /// Run the whole pipeline on a scene with known poses: build the map, seal the queries, localize them.
     Scene(Box<scene::Args>),
-    /// 7Scenes: evaluate all its scenes, from the unpacked folders.
-    #[command(name = "7scenes")]
-    SevenScenes(Box<data_set::seven_scenes::Args>),
-    /// Cambridge Landmarks: evaluate its scenes.
-    Cambridge(Box<data_set::cambridge::Args>),
-    /// Aachen Day-Night, v1 and v1.1: evaluate it, and write the file for visuallocalization.net.
-    Aachen(Box<data_set::aachen::Args>),
-    /// Print the results of a data-set command or `eval scene` as the tables of a paper.
-    Tables(tables::Args),
+    /// Evaluate the scenes of 7Scenes, Cambridge Landmarks or Aachen Day-Night, from the unpacked folders.
+    Dataset(Box<data_set::Args>),
     /// Localize queries of one scene in the dark, with motion blur, half hidden, small, in a sparse map, with few
     /// keypoints.
     Stress(Box<stress::Args>),
     /// Query a map with out-of-map images, and count those with a trusted pose.
     Negatives(Box<negatives::Args>),
-    /// Measure cost and recall of image retrieval as maps grow.
-    Retrieval(retrieval::Args),
     /// Localize several consecutive images together, with simulated odometry, and report the gain over single images.
     Rig(Box<rig::Args>),
     /// Attack several frames of one scene together, and report what a session leaks for each kind of anchors.
     Sessions(Box<sessions::Args>),
     /// Run only the pose stage, on given matches.
     Pose(pose::Args),
-    /// Report errors on random synthetic problems relative to the Cramér–Rao bound.
-    Crb(crb::Args),
     /// Write correspondence sets of a scene with known poses, for `eval pose`.
     Problems(problems::Args),
     /// Report what each adversary recovers from the queries of every scheme, with its best attack.
     Adversaries(Box<adversaries::Args>),
-    /// Compare layouts of dcl: pose accuracy relative to points, and what attackers recover under each.
-    Layouts(Box<layouts::Args>),
-    /// Compare two runs on the same queries and report which differences are significant.
-    Compare(compare::Args),
     /// Reconstruct images from recovered keypoints under every scheme, and compare them with the originals.
     Inversion(Box<inversion::Args>),
     /// Extract keypoints and descriptors of images, for `attack` and for training predictors.
@@ -74,21 +54,14 @@ pub(crate) enum Command {
 pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
     match command {
         Command::Scene(args) => scene::run(args, ui),
-        Command::SevenScenes(args) => data_set::seven_scenes::run(args, ui),
-        Command::Cambridge(args) => data_set::cambridge::run(args, ui),
-        Command::Aachen(args) => data_set::aachen::run(args, ui),
-        Command::Tables(args) => tables::run(args, ui),
+        Command::Dataset(args) => data_set::run(args, ui),
         Command::Stress(args) => stress::run(args, ui),
         Command::Negatives(args) => negatives::run(args, ui),
-        Command::Retrieval(args) => retrieval::run(args, ui),
         Command::Rig(args) => rig::run(args, ui),
         Command::Sessions(args) => sessions::run(args, ui),
         Command::Pose(args) => pose::run(args, ui),
-        Command::Crb(args) => crb::run(args, ui),
         Command::Problems(args) => problems::run(args, ui),
         Command::Adversaries(args) => adversaries::run(args, ui),
-        Command::Layouts(args) => layouts::run(args, ui),
-        Command::Compare(args) => compare::run(args, ui),
         Command::Inversion(args) => inversion::run(args, ui),
         Command::Keypoints(args) => keypoints::run(args, ui),
     }

@@ -1,13 +1,17 @@
 //! A scene with known poses, split into map and queries: the input of several evaluations.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use veiloc_evaluation::EvalError;
 use veiloc_evaluation::pipeline::GravityNoise;
+use veiloc_evaluation::{EvalError, SceneEvaluation};
 use veiloc_mapping::MappingError;
 
 use crate::commands::frame_check::{FrameCheckArgs, REMEDY_OF_LOOK_ALIKES};
+use crate::commands::posed::read_posed;
 use crate::exit::Failure;
+use crate::lists::{self, ListedImage};
+use crate::ui::Ui;
 
 /// A scene with known poses.
 #[derive(clap::Args)]
@@ -27,6 +31,27 @@ pub(super) struct PosedSceneArgs {
     pub(super) query_list: PathBuf,
     #[command(flatten)]
     pub(super) check: FrameCheckArgs,
+}
+
+impl PosedSceneArgs {
+    /// The scene, with default options; `with_cameras`: the query list may have cameras, which take precedence, because a
+    /// device may know its lens better than the model does.
+    pub(super) fn scene(&self, with_cameras: bool, ui: &Ui) -> Result<SceneEvaluation, Failure> {
+        let names = |listed: &[ListedImage]| listed.iter().map(|query| query.name.clone()).collect();
+        let (query_list, query_cameras) = if with_cameras {
+            let listed = lists::read_with_cameras(&self.query_list)?;
+            (names(&listed), listed.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect())
+        } else {
+            (lists::read_list(&self.query_list)?, BTreeMap::new())
+        };
+        let posed = read_posed(&self.posed, &self.images, ui)?;
+        let map_list = lists::read_list(&self.map_list)?;
+        Ok(SceneEvaluation {
+            query_cameras,
+            on_other_frame: self.check.on_other_frame(),
+            ..SceneEvaluation::of_scene(posed, self.images.clone(), map_list, query_list)
+        })
+    }
 }
 
 /// Adds the remedy for a refused frame to the error.

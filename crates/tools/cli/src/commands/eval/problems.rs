@@ -4,14 +4,12 @@ use std::path::{Path, PathBuf};
 
 use veiloc_datasets::problem_files::json_lines;
 use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints};
-use veiloc_evaluation::{ProblemSource, make_problems, masks_of};
+use veiloc_evaluation::{SceneEvaluation, make_problems};
 
 use crate::commands::eval::posed_scene::{PosedSceneArgs, with_remedy};
-use crate::commands::posed::read_posed;
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::files;
-use crate::lists;
 use crate::localization_args::MatchArgs;
 use crate::stages::Stages;
 use crate::targets::{OutFile, OutFileOrStdout};
@@ -46,19 +44,14 @@ pub(crate) struct Args {
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
-    let query_list = lists::read_list(&args.posed_scene.query_list)?;
-    let source = ProblemSource {
-        posed: &read_posed(&args.posed_scene.posed, &args.posed_scene.images, ui)?,
-        images: &args.posed_scene.images,
-        map_list: &lists::read_list(&args.posed_scene.map_list)?,
-        query_list: &query_list,
-        build: &args.extraction.options()?,
-        on_other_frame: args.posed_scene.check.on_other_frame(),
-        localize: &args.matching.localize_options(),
-        masks: &masks_of(&query_list, args.masks.as_deref()),
+    let scene = SceneEvaluation {
+        build: args.extraction.options()?,
+        localize: args.matching.localize_options(),
+        masks: args.masks.clone(),
         seed: args.seed,
+        ..args.posed_scene.scene(false, ui)?
     };
-    let (lines, images): (Vec<String>, Vec<KeypointImage>) = make_problems(&source, &Stages::new(ui))
+    let (lines, images): (Vec<String>, Vec<KeypointImage>) = make_problems(&scene, false, &Stages::new(ui))
         .map_err(with_remedy)?
         .into_iter()
         .map(|made| (made.line, made.keypoints))

@@ -84,25 +84,15 @@ pub(super) struct SceneArgs {
 impl SceneArgs {
     /// Returns the evaluation without gravity and negatives.
     pub(super) fn evaluation(&self, ui: &Ui) -> Result<SceneEvaluation, Failure> {
-        // A device may know its lens better than the model does, so cameras in the list take precedence.
-        let queries = lists::read_with_cameras(&self.posed_scene.query_list)?;
-        let names = queries.iter().map(|query| query.name.clone()).collect();
         Ok(SceneEvaluation {
-            query_cameras: queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect(),
             keep_map: self.keep_map.as_deref().map(Path::to_owned),
             build: self.extraction.options()?,
-            on_other_frame: self.posed_scene.check.on_other_frame(),
             schemes: self.report.schemes.clone(),
             scores: self.report.scores(&self.pose.engine),
             thresholds: self.report.thresholds.clone(),
             localize: self.matching.options(&self.pose),
             seed: self.pose.run.seed,
-            ..SceneEvaluation::of_scene(
-                read_posed(&self.posed_scene.posed, &self.posed_scene.images, ui)?,
-                self.posed_scene.images.clone(),
-                lists::read_list(&self.posed_scene.map_list)?,
-                names,
-            )
+            ..self.posed_scene.scene(true, ui)?
         })
     }
 }
@@ -202,7 +192,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         let queries = result.queries.iter().map(|query| (None, query));
         report.add("", &evaluation, methods, queries, ui)?;
         let title = format!("Localization in {}", result.data.join(", "));
-        report.write(&title, &serde_json::to_string(&result)?, html::facts(Some(evaluation.seed)), ui)?;
+        report.write(&title, html::facts(Some(evaluation.seed)), ui)?;
     }
     Ok(exit)
 }

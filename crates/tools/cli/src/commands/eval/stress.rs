@@ -1,15 +1,14 @@
 //! `veiloc eval stress`: queries of one scene under hard conditions.
 
+use veiloc_evaluation::SceneEvaluation;
 use veiloc_evaluation::results::metrics::Threshold;
 use veiloc_evaluation::stress::{StressCondition, StressEvaluation, evaluate_stress, table};
 use veiloc_protocol::Scheme;
 
 use crate::commands::eval::posed_scene::{GravityArgs, PosedSceneArgs, with_remedy};
-use crate::commands::posed::read_posed;
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::json_args::JsonArgs;
-use crate::lists;
 use crate::localization_args::{MatchArgs, PoseArgs, positive};
 use crate::stages::Stages;
 use crate::ui::Ui;
@@ -74,25 +73,19 @@ on --seed, the name of the image and the name of the stress):
                   (N from 1 to 50; only if given)";
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
-    let queries = lists::read_with_cameras(&args.posed_scene.query_list)?;
-    let mut evaluation = StressEvaluation::new(
-        read_posed(&args.posed_scene.posed, &args.posed_scene.images, ui)?,
-        args.posed_scene.images.clone(),
-        lists::read_list(&args.posed_scene.map_list)?,
-        queries.iter().map(|q| q.name.clone()).collect(),
-    );
-    evaluation.query_cameras = queries.into_iter().filter_map(|q| Some((q.name, q.camera?))).collect();
-    evaluation.build = args.extraction.options()?;
-    evaluation.on_other_frame = args.posed_scene.check.on_other_frame();
-    evaluation.schemes.clone_from(&args.schemes);
+    let mut evaluation = StressEvaluation::new(SceneEvaluation {
+        build: args.extraction.options()?,
+        schemes: args.schemes.clone(),
+        thresholds: args.thresholds.clone(),
+        localize: args.matching.options(&args.pose),
+        gravity: args.gravity.gravity_noise,
+        seed: args.pose.run.seed,
+        ..args.posed_scene.scene(true, ui)?
+    });
     evaluation.stresses.clone_from(&args.stress);
-    evaluation.thresholds.clone_from(&args.thresholds);
     evaluation.wrong_threshold = args.wrong_threshold;
-    evaluation.localize = args.matching.options(&args.pose);
-    evaluation.gravity = args.gravity.gravity_noise;
     evaluation.from_truth = args.optimum;
     evaluation.oracle_radius_px = args.oracle_radius;
-    evaluation.seed = args.pose.run.seed;
     let result = evaluate_stress(&evaluation, &Stages::new(ui)).map_err(with_remedy)?;
     ui.info(format!("map: {} images, {} points", result.map.images, result.map.points));
     if let Some(sparse) = &result.sparse_map {

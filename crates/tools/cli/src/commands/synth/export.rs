@@ -16,7 +16,7 @@ const NIGHT: f32 = 0.25;
 /// Render a scene with its true poses, in the folders and lists of a published data set.
 ///
 /// Tests programs that read the data set, with known results. For Aachen, whose query poses are not published,
-/// `queries/poses.txt` contains them (`veiloc eval aachen --truth`).
+/// `queries/poses.txt` contains them (`veiloc eval dataset aachen --truth`).
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The layout: 7scenes, cambridge, aachen or aachen-v1.1.

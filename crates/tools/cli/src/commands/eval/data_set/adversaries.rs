@@ -2,7 +2,7 @@
 
 use veiloc_evaluation::SceneEvaluation;
 use veiloc_evaluation::privacy::adversaries::{
-    AdversariesDocument, AdversariesEvaluation, AdversaryScene, adversaries_table, evaluate_adversaries,
+    AdversariesDocument, AdversariesEvaluation, adversaries_table, evaluate_adversaries,
 };
 
 use crate::exit::Failure;
@@ -38,16 +38,7 @@ impl AttackArgs {
     ) -> Result<(), Failure> {
         let Some(attacked) = self.attacked else { return Ok(()) };
         let mut evaluation = AdversariesEvaluation::new();
-        evaluation.scene = Some(AdversaryScene {
-            posed: scene.posed.clone(),
-            images: scene.images.clone(),
-            map_list: scene.map_list.clone(),
-            query_list: scene.query_list.clone(),
-            build: scene.build.clone(),
-            on_other_frame: scene.on_other_frame,
-            localize: scene.localize.clone(),
-            masks: None,
-        });
+        evaluation.scene = Some(scene.clone());
         // `points` hides nothing, so there is nothing to recover.
         let hiding = scene.schemes.iter().filter(|scheme| !matches!(scheme, veiloc_protocol::Scheme::Points));
         evaluation.schemes = hiding.copied().collect();

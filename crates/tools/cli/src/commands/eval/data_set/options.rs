@@ -1,9 +1,11 @@
-//! Options that the data-set commands share.
+//! The options of `veiloc eval dataset`; those of a single data set begin with its name.
 
 use std::path::PathBuf;
 
 use veiloc_datasets::MissingImages;
+use veiloc_datasets::aachen::AachenVersion;
 use veiloc_evaluation::results::metrics::Threshold;
+use veiloc_geometry::Intrinsics;
 use veiloc_protocol::{DclLayout, Scheme};
 
 use super::adversaries::AttackArgs;
@@ -12,14 +14,113 @@ use crate::exit::Failure;
 use crate::extraction_args::ExtractionArgs;
 use crate::json_args::JsonArgs;
 use crate::localization_args::{MatchArgs, PoseArgs};
-use crate::targets::OutFolder;
+use crate::targets::{OutFile, OutFolder};
 
-/// Selection of scenes, map building, and localization of the queries.
+/// A published data set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum DataSet {
+    /// 7Scenes: `<scene>/TrainSplit.txt`, `<scene>/seq-01/frame-000000.color.png`; the map is built from the training
+    /// sequences, the images of the test sequences are queries.
+    #[value(name = "7scenes")]
+    SevenScenes,
+    /// Cambridge Landmarks: the map is built from `dataset_train.txt` of each scene, the images of `dataset_test.txt`
+    /// are queries; cameras come from `reconstruction.nvm`.
+    Cambridge,
+    /// Aachen Day-Night, v1 and v1.1: the poses of its queries are not published, `--submission` writes the files that
+    /// `https://www.visuallocalization.net` evaluates.
+    Aachen,
+}
+
+impl DataSet {
+    /// The name on the command line.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::SevenScenes => "7scenes",
+            Self::Cambridge => "cambridge",
+            Self::Aachen => "aachen",
+        }
+    }
+
+    /// The command in documents.
+    pub(super) const fn command(self) -> &'static str {
+        match self {
+            Self::SevenScenes => "eval dataset 7scenes",
+            Self::Cambridge => "eval dataset cambridge",
+            Self::Aachen => "eval dataset aachen",
+        }
+    }
+
+    /// Recall thresholds of the paper, metres and degrees.
+    const fn thresholds(self) -> &'static [(f64, f64)] {
+        match self {
+            Self::SevenScenes => &[(0.05, 5.0)],
+            Self::Cambridge => &[(0.25, 2.0), (0.5, 5.0)],
+            Self::Aachen => &[(0.25, 2.0), (0.5, 5.0), (5.0, 10.0)],
+        }
+    }
+
+    /// The paper's inlier threshold for points, pixels.
+    pub(super) const fn paper_max_error_px(self) -> f64 {
+        match self {
+            Self::SevenScenes => 4.0,
+            Self::Cambridge => 18.0,
+            Self::Aachen => 8.0,
+        }
+    }
+}
+
+/// Ground truth of 7Scenes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum PoseKind {
+    /// The pseudo ground truth from structure from motion, as in the paper.
+    Sfm,
+    /// The poses of the depth camera that come with the images.
+    Depth,
+}
+
+/// Evaluate the scenes of a published data set, from its unpacked folders.
+///
+/// Builds the map of each scene, seals every query image under every scheme, localizes it, and compares with its known
+/// pose. `python3 -m study.paper` prints the results beside the paper's.
 #[derive(clap::Args)]
-pub(in crate::commands::eval) struct DataSetArgs {
+pub(crate) struct Args {
+    /// The data set.
+    #[arg(value_enum, value_name = "DATA_SET")]
+    pub(super) data_set: DataSet,
     /// Folder of the data set.
     #[arg(long, value_name = "DIR")]
     pub(super) root: PathBuf,
+    /// 7scenes, cambridge: scenes to evaluate. Default: all that exist.
+    #[arg(long, value_delimiter = ',', value_name = "SCENE,…")]
+    pub(super) scenes: Vec<String>,
+    /// 7scenes, cambridge: scenes to leave out. Default: of Cambridge those that the paper leaves out for their many
+    /// geometric outliers; an empty text leaves out none.
+    #[arg(long, value_delimiter = ',', value_name = "SCENE,…")]
+    pub(super) exclude: Option<Vec<String>>,
+    /// 7scenes: ground truth. Default: sfm.
+    #[arg(long, value_enum, value_name = "KIND")]
+    pub(super) poses: Option<PoseKind>,
+    /// 7scenes: folder of the lists of pseudo ground truth, `<scene>_train.txt` and `<scene>_test.txt`. Default: `pgt_sfm`
+    /// or `pgt/sfm/7scenes` in the root.
+    #[arg(long, value_name = "DIR")]
+    pub(super) pseudo_ground_truth: Option<PathBuf>,
+    /// cambridge: one camera for all images, MODEL,WIDTH,HEIGHT,PARAMS…. Default: the cameras of `reconstruction.nvm`.
+    #[arg(long, value_name = "CAMERA")]
+    pub(super) camera: Option<Intrinsics>,
+    /// aachen: version of the data set, 1 (the paper's) or 1.1. Default: 1.1 if its model exists, otherwise 1.
+    #[arg(long, value_name = "VERSION")]
+    pub(super) version: Option<AachenVersion>,
+    /// aachen: query conditions, named as their lists. Default: day and night.
+    #[arg(long, value_delimiter = ',', value_name = "CONDITION,…")]
+    pub(super) conditions: Option<Vec<String>>,
+    /// aachen: true poses of the queries, `name qw qx qy qz tx ty tz` per line, world to camera, for copies of the data
+    /// set with known poses. Default: no errors are computed.
+    #[arg(long, value_name = "FILE")]
+    pub(super) truth: Option<PathBuf>,
+    /// aachen: write the poses for visuallocalization.net, `name qw qx qy qz tx ty tz` per line, with file names without
+    /// folders; with several schemes one file per scheme, with the scheme appended to the name.
+    #[arg(long, value_name = "FILE")]
+    pub(super) submission: Option<OutFile>,
     /// Evaluate the existing images if some are missing. Figures are then not compared with published ones. Default:
     /// missing images are an error.
     #[arg(long)]
@@ -59,7 +160,25 @@ pub(in crate::commands::eval) struct DataSetArgs {
     pub(super) json: JsonArgs,
 }
 
-impl DataSetArgs {
+impl Args {
+    /// An option that was given and belongs to another data set.
+    pub(super) fn of_another_data_set(&self) -> Option<&'static str> {
+        use DataSet::{Aachen, Cambridge, SevenScenes};
+        let given: [(&str, bool, &[DataSet]); 9] = [
+            ("scenes", !self.scenes.is_empty(), &[SevenScenes, Cambridge]),
+            ("exclude", self.exclude.is_some(), &[SevenScenes, Cambridge]),
+            ("poses", self.poses.is_some(), &[SevenScenes]),
+            ("pseudo-ground-truth", self.pseudo_ground_truth.is_some(), &[SevenScenes]),
+            ("camera", self.camera.is_some(), &[Cambridge]),
+            ("version", self.version.is_some(), &[Aachen]),
+            ("conditions", self.conditions.is_some(), &[Aachen]),
+            ("truth", self.truth.is_some(), &[Aachen]),
+            ("submission", self.submission.is_some(), &[Aachen]),
+        ];
+        let wrong = given.into_iter().find(|(_, is_given, of)| *is_given && !of.contains(&self.data_set));
+        wrong.map(|(name, ..)| name)
+    }
+
     /// The schemes; with the paper's settings `dcl` has the paper's layout.
     pub(super) fn schemes(&self) -> Vec<Scheme> {
         let of_paper = |scheme: &Scheme| match scheme {
@@ -75,7 +194,7 @@ impl DataSetArgs {
     }
 
     /// Returns the given thresholds, or the data set's.
-    pub(super) fn thresholds(&self, of_data_set: &[(f64, f64)]) -> Vec<Threshold> {
+    pub(super) fn thresholds(&self) -> Vec<Threshold> {
         if !self.thresholds.is_empty() {
             return self.thresholds.clone();
         }
@@ -83,7 +202,7 @@ impl DataSetArgs {
             translation: *translation,
             rotation_deg: *rotation_deg,
         };
-        of_data_set.iter().map(of).collect()
+        self.data_set.thresholds().iter().map(of).collect()
     }
 
     pub(super) fn jobs(&self) -> usize {

@@ -1,7 +1,6 @@
 //! Evaluates the scenes of a data set one after another, and collects their results in one document.
 
 use veiloc_datasets::{DatasetError, DatasetScene};
-use veiloc_evaluation::results::tables::{Format, TableData, TableOptions, tables};
 use veiloc_evaluation::results::{
     DataSetEvaluation, EvaluationDocument, QueryResult, RunInfo, SceneInfo, SceneQuery, SceneSummary,
     summarize, table,
@@ -12,28 +11,17 @@ use veiloc_mapping::OnOtherFrame;
 use veiloc_pose::{AnchoredSolver, ScoreKind};
 use veiloc_report::LengthUnit;
 
-use super::options::{DataSetArgs, cores};
+use super::options::{Args, cores};
 use crate::commands::eval::html;
-use crate::exit::{Exit, Failure, Outcome};
+use crate::exit::{Exit, Failure};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// The facts about a data set that its evaluation needs.
-pub(in crate::commands::eval) struct DataSet {
-    /// The command, for example `eval 7scenes`.
-    pub(super) command: &'static str,
-    /// Recall thresholds, map units and degrees.
-    pub(super) thresholds: &'static [(f64, f64)],
-    /// The paper's inlier threshold for points, pixels.
-    pub(super) paper_max_error_px: f64,
-}
-
 /// Evaluates the scenes and prints the results. Each scene is read again when its turn comes.
-pub(in crate::commands::eval) fn evaluate(
-    data_set: &DataSet,
+pub(super) fn evaluate(
     scenes: &[String],
     read: &dyn Fn(&str) -> Result<DatasetScene, DatasetError>,
-    args: &DataSetArgs,
+    args: &Args,
     ui: &Ui,
 ) -> Result<(DataSetEvaluation, Exit), Failure> {
     // All scenes are read before the first is computed, so that missing files are reported at once.
@@ -41,7 +29,7 @@ pub(in crate::commands::eval) fn evaluate(
         scenes.iter().map(|name| read(name)).collect::<Result<_, _>>().map_err(refused)?;
     let mut document = DataSetEvaluation {
         version: 1,
-        command: data_set.command,
+        command: args.data_set.command(),
         data: scenes.iter().map(|scene| scene.name.clone()).collect(),
         run: facts(args),
         seed: args.pose.run.seed,
@@ -60,7 +48,7 @@ pub(in crate::commands::eval) fn evaluate(
             scene.queries.len(),
             if scene.is_official { "" } else { " (not the published scene)" }
         ));
-        let mut evaluation = scene_evaluation(scene, data_set, args)?;
+        let mut evaluation = scene_evaluation(scene, args)?;
         if let Some(report) = &report {
             report.keep_map(&mut evaluation);
         }
@@ -75,44 +63,37 @@ pub(in crate::commands::eval) fn evaluate(
             report.add(&scene.name, &evaluation, rows, queries, ui)?;
         }
     }
-    let json = serde_json::to_string(&document)?;
-    let judged = TableData::parse(&json);
-    let text = if let Ok(data) = &judged {
-        let options = TableOptions {
-            format: Format::Markdown,
-            cells: None,
-            thresholds: args.thresholds(data_set.thresholds),
-            published: true,
-            bootstrap_samples: 2000,
-            seed: 0,
-        };
-        tables(data, &options)
-    } else {
-        // The true poses are unknown: only counts can be printed.
-        let rows: Vec<_> = document.schemes.iter().map(|row| row.summary.clone()).collect();
-        table(&rows)
-    };
+    let text = text_of(&document.schemes);
     args.json.print(&text, &document, ui)?;
     args.attack.finish(attacked.as_ref(), args.json.takes_stdout(), ui)?;
     if let Some(report) = report {
-        let title = format!("veiloc {}", data_set.command);
-        report.write(&title, &json, html::facts(Some(document.seed)), ui)?;
+        let title = format!("veiloc {}", args.data_set.command());
+        report.write(&title, html::facts(Some(document.seed)), ui)?;
     }
     let localized = document.schemes.iter().any(|row| row.summary.localized > 0);
     Ok((document, if localized { Exit::Success } else { Exit::Refused }))
 }
 
+/// A table for each scene and condition.
+fn text_of(rows: &[SceneSummary]) -> String {
+    let same = |a: &SceneSummary, b: &SceneSummary| a.scene == b.scene && a.condition == b.condition;
+    let of_part = |part: &[SceneSummary]| {
+        let condition =
+            part[0].condition.as_ref().map_or(String::new(), |condition| format!(", {condition}"));
+        let summaries: Vec<_> = part.iter().map(|row| row.summary.clone()).collect();
+        format!("{}{condition}\n{}", part[0].scene, table(&summaries))
+    };
+    let mut rows: Vec<SceneSummary> = rows.to_vec();
+    rows.sort_by(|a, b| (&a.scene, &a.condition).cmp(&(&b.scene, &b.condition)));
+    rows.chunk_by(same).map(of_part).collect::<Vec<_>>().join("\n")
+}
+
 /// Converts the error of a data set.
-pub(in crate::commands::eval) fn refused(error: DatasetError) -> Failure {
+pub(super) fn refused(error: DatasetError) -> Failure {
     Failure::with_help(error.to_string(), "see `docs/guide/data-sets.md` for the layout of each data set")
 }
 
-/// Prints the results, and returns the exit code.
-pub(in crate::commands::eval) fn outcome(found: Result<(DataSetEvaluation, Exit), Failure>) -> Outcome {
-    found.map(|(_, exit)| exit)
-}
-
-fn facts(args: &DataSetArgs) -> RunInfo {
+fn facts(args: &Args) -> RunInfo {
     let words = crate::output::command_line::arguments().into_iter();
     RunInfo {
         veiloc: env!("CARGO_PKG_VERSION").to_owned(),
@@ -123,11 +104,7 @@ fn facts(args: &DataSetArgs) -> RunInfo {
     }
 }
 
-fn scene_evaluation(
-    scene: &DatasetScene,
-    data_set: &DataSet,
-    args: &DataSetArgs,
-) -> Result<SceneEvaluation, Failure> {
+fn scene_evaluation(scene: &DatasetScene, args: &Args) -> Result<SceneEvaluation, Failure> {
     let known = scene.queries.iter().filter_map(|query| {
         Some(PosedImage {
             name: query.name.clone(),
@@ -144,7 +121,7 @@ fn scene_evaluation(
     if args.paper {
         localize.pose.score = Some(ScoreKind::Msac);
         localize.pose.anchored_solver = Some(AnchoredSolver::P6lp);
-        localize.pose.max_error_px = data_set.paper_max_error_px;
+        localize.pose.max_error_px = args.data_set.paper_max_error_px();
         localize.use_prior = false;
     }
     Ok(SceneEvaluation {
@@ -154,7 +131,7 @@ fn scene_evaluation(
         on_other_frame: OnOtherFrame::Accept,
         schemes: args.schemes(),
         scores: localize.pose.score.into_iter().collect(),
-        thresholds: args.thresholds(data_set.thresholds),
+        thresholds: args.thresholds(),
         localize,
         seed: args.pose.run.seed,
         work: args.work.as_ref().map(|folder| folder.join(&scene.name)),
