@@ -180,25 +180,38 @@ def provoke(checker, scene, server):
     request(checker, port, "POST", "/metrics", b"")
 
 
+def varint(data, at):
+    """A number of the wire format at this place, and where it ends."""
+    value = shift = 0
+    while True:
+        value |= (data[at] & 127) << shift
+        at, shift = at + 1, shift + 7
+        if data[at - 1] < 128:
+            return value, at
+
+
 def blanked(query):
     """The query with all descriptors equal, so that nothing matches."""
-    # Field 16: its key is 0x82 0x01, then a varint of three bytes for more than 16383 bytes.
-    at = query.index(b"\x82\x01")
-    length = (query[at + 2] & 127) | (query[at + 3] & 127) << 7 | (query[at + 4] & 127) << 14
-    return query[: at + 5] + bytes([45]) * length + query[at + 5 + length :]
+    at = 0
+    while at < len(query):
+        key, at = varint(query, at)
+        length, start = varint(query, at) if key & 7 in (0, 2) else (0, at + (4 if key & 7 == 5 else 8))
+        at = start + (length if key & 7 == 2 else 0)
+        if key >> 3 == 16:
+            return query[:start] + bytes([45]) * length + query[at:]
+    raise ValueError("a query without descriptors")
 
 
 def provoke_load(checker, scene):
     """Provokes refusals that depend on load, rate limits, timeouts and the operator's files."""
     tokens = scene.tokens(["phone", "operator!"], scene.work / "few-tokens")
-    # More hypotheses than any machine can test within the timeout.
-    slow = ["--workers", "1", "--queue", "1", "--hypotheses", "10000000"]
-    busy = Server(scene, "--tokens", tokens, *slow, "--request-timeout", "1", *REFERENCE)
+    # No machine localizes within the timeout, and more requests come than it holds.
+    busy = Server(scene, "--tokens", tokens, "--workers", "1", "--queue", "1", "--request-timeout", "0.005", *REFERENCE)
     posts = ((LOCALIZE, scene.query, PROTOBUF), (RIG, rig_of(scene.query), PROTOBUF), (GEOPOSE, geopose_of(scene.query), JSON))
     for path, body, kind in posts:
         ask_busy = lambda i, path=path, body=body, kind=kind: request(
             checker, busy.port, "POST", path, body, "phone", content_type=kind)
-        for thread in in_threads(8, ask_busy):
+        for thread in in_threads(32, ask_busy):
             thread.join()
     busy.stop()
     limited = Server(scene, "--tokens", tokens, *REFERENCE, rate=1)
