@@ -4,6 +4,9 @@
     python3 research/study PAGE NAME […]    one of them; `--help` lists its options
     python3 research/study figures […]      makes tables, and notes the commit, command and machine of each
     python3 research/study tables [--check] writes the tables of the CSV files into the pages
+    python3 research/study paper FILE       the paper's tables for a document of results
+    python3 research/study compare A B      which differences of two runs are more than chance
+    python3 research/study bound            errors beside the Cramér–Rao bound
 
 The pages are poses, privacy, trust, places, features, mapping, peers, scale, service, and readme. Data are those of VEILOC_DATA, the program is
 target/release/veiloc. Rows are printed, and written with `--out docs/results`. `python3 -m study`, from research/, is the same.
@@ -26,6 +29,8 @@ def main(page: str = "--help", *words: str):
         return figures.main(PAGES, list(words))
     if page == "tables":
         return tables.main(list(words))
+    if page in ("paper", "compare", "bound"):
+        return importlib.import_module(f"study.{page}").main(list(words))
     if page not in PAGES:
         print(__doc__.strip())
         return page not in ("--help", "-h")

@@ -1,6 +1,6 @@
 """Errors of estimated poses beside the Cramér–Rao bound, on random synthetic problems.
 
-    PYTHONPATH=research python3 -m study.bound [--problems N] [--csv FILE] [--plot FILE.svg]
+    python3 research/study bound [--problems N] [--csv FILE] [--plot FILE.svg]
 
 Needs the Python package `veiloc`. A problem has 400 matches all over a 640 × 480 image, some of them wrong, and Gaussian noise on
 its keypoints. The bound is the inverse Fisher information of the right matches at the true pose, `JᵀJ / σ²` with the pixel's (for
@@ -100,15 +100,15 @@ def trial(scene: str, noise: float, outliers: float, scheme: str, index: int, se
     return result | {"found": (info["inliers"] & right).sum() >= right.sum() / 2, "error": errors(pose.R, pose.t, R, t)}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(prog="study.bound", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def main(arguments=None) -> None:
+    parser = argparse.ArgumentParser(prog="study bound", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--problems", type=int, default=500, metavar="N", help="of each scene, noise, share of outliers and scheme")
     parser.add_argument("--noise", type=float, nargs="+", default=[0.5, 1, 2], metavar="PX")
     parser.add_argument("--outliers", type=float, nargs="+", default=[30, 50, 80], metavar="PERCENT")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--csv", type=argparse.FileType("w"), default=sys.stdout, metavar="FILE")
     parser.add_argument("--plot", metavar="FILE.svg", help="position errors over the bound")
-    args = parser.parse_args()
+    args = parser.parse_args(arguments)
     rows, curves = csv.writer(args.csv, lineterminator="\n"), {}
     rows.writerow(["scheme", "found (%)", "position error over bound", "rotation error over bound", "problems"])
     for scheme in SCHEMES:

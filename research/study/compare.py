@@ -1,6 +1,6 @@
 """Compares two runs on the same queries and tests which differences are significant.
 
-    PYTHONPATH=research python3 -m study.compare A.json B.json
+    python3 research/study compare A.json B.json
 
 Reads documents of `veiloc eval scene`, `eval pose` and `eval dataset`. Queries are paired by name and seed, so
 a query that is difficult for both runs does not affect the difference. The 95 % interval of a difference comes from a
@@ -132,7 +132,7 @@ def compare(a: pd.DataFrame, b: pd.DataFrame, recalls: list[str], draws: int = 1
 
 
 def main(arguments=None) -> None:
-    parser = argparse.ArgumentParser(prog="study.compare", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(prog="study compare", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("a", metavar="A.json")
     parser.add_argument("b", metavar="B.json", help="may be the same file, with --row and --against")
     parser.add_argument("--row", help="compare only this row or scheme of A")

@@ -1,6 +1,6 @@
 """The tables of the paper for a document of results, beside the published figures for the same data; curves of errors.
 
-    PYTHONPATH=research python3 -m study.paper results.json [--markdown | --latex] [--plot DIR]
+    python3 research/study paper results.json [--markdown | --latex] [--plot DIR]
 
 Reads documents of `veiloc eval dataset` and `eval scene`. Scenes are columns, schemes are rows. Published
 figures are shown only for exactly the same images.
@@ -214,7 +214,7 @@ def tables(document: dict, form=text, published: bool = True, thresholds: list[s
 
 
 def main(arguments=None) -> None:
-    parser = argparse.ArgumentParser(prog="study.paper", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(prog="study paper", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", metavar="RESULTS.json")
     forms = parser.add_mutually_exclusive_group()
     forms.add_argument("--markdown", dest="form", action="store_const", const=markdown, default=text)

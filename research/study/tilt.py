@@ -1,14 +1,17 @@
 """What the direction of gravity tells about where on their half-lines keypoints lie; a command of the page privacy."""
 
 import json
+import re
 
 from study.common import PLACES, Package, command, number
 from study.geometry import read_posed
+from study.places import LAYOUTS
 
 PAGE = "privacy"
 np = Package("numpy")
-# The default layout: axis of the strips, their number in a circle, anchors in heights from the middle.
-AXIS, STRIPS, ANCHORS = 122, 24, [[0.37, -0.59], [-0.53, 0.85]]
+# The default layout: axis of the strips (degrees), their number in a circle, anchors in heights from the middle.
+AXIS, STRIPS, *WORDS = re.fullmatch(r"dcl:axis=(.+):sectors=(.+):anchors=(.+)/(.+)\+(.+)/(.+)", LAYOUTS["slanted strips"]).groups()
+AXIS, STRIPS, ANCHORS = float(AXIS), int(STRIPS), [[float(word) for word in WORDS[:2]], [float(word) for word in WORDS[2:]]]
 GRID, BINS = (12, 16), range(-90, 91, 10)
 
 

@@ -81,7 +81,7 @@ pub(super) enum PoseKind {
 /// Evaluate the scenes of a published data set, from its unpacked folders.
 ///
 /// Builds the map of each scene, seals every query image under every scheme, localizes it, and compares with its known
-/// pose. `python3 -m study.paper` prints the results beside the paper's.
+/// pose. `python3 research/study paper` prints the results beside the paper's.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The data set.
