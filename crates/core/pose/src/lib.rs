@@ -49,20 +49,19 @@
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
 
 mod ambiguity;
-mod camera_refinement;
 mod confidence;
 mod copies;
 mod cramer_rao;
 mod error;
 mod estimate;
-mod focal_search;
+mod focal_lengths;
 pub mod likelihood;
+mod msac;
 mod options;
 mod pose_estimate;
 pub mod ransac;
 mod refine_inliers;
 mod rig;
-mod rival;
 pub mod solvers;
 
 pub use crate::likelihood::prior;
@@ -72,9 +71,9 @@ pub use crate::likelihood::{
 pub use confidence::{Confidence, Doubt, Precision, State};
 pub use cramer_rao::fisher_information;
 pub use error::PoseError;
-pub use estimate::{estimate_pose, optimize_pose};
+pub use estimate::{estimate_pose, estimate_rig_pose, optimize_pose};
 pub use options::{AnchoredSolver, PoseOptions, ScoreKind, UnknownScore, UnknownSolver};
 pub use pose_estimate::{PoseEstimate, Rival};
 pub use ransac::Stop;
 pub use refine_inliers::refine_pose;
-pub use rig::{FrameEstimate, RigEstimate, RigFrame, estimate_rig_pose};
+pub use rig::{FrameEstimate, RigEstimate, RigFrame};

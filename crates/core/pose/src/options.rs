@@ -161,6 +161,11 @@ impl Default for PoseOptions {
 }
 
 impl PoseOptions {
+    /// The solver for hypotheses from anchored lines.
+    pub(crate) fn solver(&self) -> AnchoredSolver {
+        self.anchored_solver.unwrap_or(AnchoredSolver::default_for(self.score.unwrap_or_default()))
+    }
+
     /// The sample budget for a search over several frames: the maximum is that of a single frame, multiplied up to
     /// [`MAX_BUDGET_FRAMES`] times.
     pub(crate) fn budget(&self, frames: usize) -> Budget {

@@ -1,9 +1,10 @@
 //! The result of an estimation: a pose, its inliers, its uncertainty, and whether to trust it.
 
-use veiloc_geometry::{CameraFromWorld, Pinhole};
+use veiloc_geometry::CameraFromWorld;
 
 use crate::confidence::Confidence;
 use crate::likelihood::{CameraEvidence, GravityTest};
+use crate::rig::RigEstimate;
 
 /// The pose of a camera, and its uncertainty.
 #[derive(Debug, Clone, PartialEq)]
@@ -64,16 +65,6 @@ pub struct Rival {
 }
 
 impl PoseEstimate {
-    /// The camera as it was estimated, from the given one.
-    pub(crate) fn camera_of(&self, given: &Pinhole) -> Pinhole {
-        let [dx, dy] = self.principal_shift_px;
-        Pinhole {
-            focal: given.focal.map(|f| f * self.focal_scale),
-            principal: [given.principal[0] + dx, given.principal[1] + dy],
-            ..*given
-        }
-    }
-
     /// [`Self::covariance`] without the part that is due to the camera model: the noise of keypoints and map points
     /// alone.
     pub fn noise_covariance(&self) -> [[f64; 6]; 6] {
@@ -83,5 +74,36 @@ impl PoseEstimate {
     /// Covariance of the camera centre in the world frame, map units squared.
     pub fn center_covariance(&self) -> [[f64; 3]; 3] {
         self.cam_from_world.center_covariance(&self.covariance)
+    }
+}
+
+/// Of an image that is a rig by itself.
+impl From<RigEstimate> for PoseEstimate {
+    fn from(mut rig: RigEstimate) -> Self {
+        let image = rig.frames.swap_remove(0);
+        let rival = rig.rival.zip(rig.confidence.rival_log_evidence).map(|(pose, log_evidence)| Rival {
+            cam_from_world: CameraFromWorld::new(*pose.rotation(), *pose.translation()),
+            log_evidence,
+        });
+        Self {
+            cam_from_world: image.cam_from_world,
+            inliers: image.inliers,
+            inlier_count: image.inlier_count,
+            inlier_keypoints: image.inlier_keypoints,
+            hypotheses: rig.hypotheses,
+            score: rig.score,
+            noise_px: image.noise_px.unwrap_or(f64::NAN),
+            focal_scale: image.focal_scale,
+            principal_shift_px: image.principal_shift_px,
+            camera_covariance: rig.camera_covariance,
+            camera_evidence: image.camera_evidence,
+            gravity_test: image.gravity_test,
+            covariance: rig.covariance,
+            covariance_by_matches: rig.covariance_by_matches,
+            free_direction: rig.free_direction,
+            confidence: rig.confidence,
+            rival,
+            refined: rig.refined,
+        }
     }
 }

@@ -5,19 +5,8 @@
 //! how much the log likelihood would rise if the focal length were free. If the gain is large enough, pose and focal
 //! length are refined together.
 
-use veiloc_geometry::CameraFromWorld;
-use veiloc_geometry::nalgebra::{SMatrix, SVector};
-
-use crate::likelihood::camera_error::BentCamera;
-use crate::likelihood::descent::{Convergence, levenberg_marquardt};
-use crate::likelihood::design_effect::ScoreCells;
-use crate::likelihood::matches::{LikelihoodTerm, Matches};
-use crate::likelihood::pose_priors::PosePriors;
+use crate::likelihood::camera::{CAMERA, PoseWithCamera};
 use crate::likelihood::problem::{Correspondences, FocalPrior};
-use crate::likelihood::refine::System;
-
-type Matrix7 = SMatrix<f64, 7, 7>;
-type Vector7 = SVector<f64, 7>;
 
 /// A calibrated focal length is contradicted by at least this gain in log likelihood ...
 const MIN_GAIN: f64 = 3.5;
@@ -49,7 +38,7 @@ pub enum FocalVerdict {
     /// Another, at another pose, would explain the matches better, but not enough to replace it.
     Suspicious {
         /// The other one.
-        other: PoseWithFocal,
+        other: PoseWithCamera,
         /// What it gains in log likelihood.
         gain: f64,
     },
@@ -80,8 +69,8 @@ impl FocalVerdict {
     }
 
     /// From the gain of another focal length, and the required gain ([`Self::min_gain`]).
-    pub fn of(gain: f64, other: &PoseWithFocal, min_gain: f64) -> Self {
-        let change = other.factor.ln().abs();
+    pub fn of(gain: f64, other: &PoseWithCamera, min_gain: f64) -> Self {
+        let change = other.change.0[0].abs();
         if gain > min_gain && change > MIN_WRONG_CHANGE {
             Self::Wrong
         } else if gain > MIN_GAIN && change > MIN_CHANGE {
@@ -101,7 +90,7 @@ impl FocalVerdict {
     pub fn suspected_focal_scale(&self, min_gain: f64) -> Option<f64> {
         match self {
             Self::Suspicious { other, gain } if *gain > min_gain => {
-                (other.factor.ln().abs() > MIN_DOUBTED_CHANGE).then_some(other.factor)
+                (other.change.0[0].abs() > MIN_DOUBTED_CHANGE).then(|| other.change.factor())
             }
             Self::Suspicious { .. } | Self::Fine | Self::Wrong => None,
         }
@@ -116,9 +105,6 @@ impl FocalVerdict {
     }
 }
 
-/// Maximum change of the focal length, in the logarithm: a factor of 2.
-const MAX_LOG_CHANGE: f64 = std::f64::consts::LN_2;
-
 impl FocalPrior {
     /// Prior standard deviation of the logarithm of the true focal length relative to the given one, where it is
     /// estimated.
@@ -129,135 +115,9 @@ impl FocalPrior {
             Self::Exif => 0.05,
         }
     }
-}
 
-/// A pose with a focal length relative to the given one.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PoseWithFocal {
-    /// The pose.
-    pub pose: CameraFromWorld,
-    /// The focal length relative to the given one.
-    pub factor: f64,
-}
-
-/// The objective: the soft likelihood over chosen correspondences, the camera priors, and the prior of the focal
-/// length.
-pub struct FocalObjective<'a> {
-    /// With the focal length as given.
-    pub matches: &'a Matches<'a>,
-    /// The camera priors.
-    pub priors: PosePriors,
-    /// The correspondences that may be right.
-    pub active: Vec<usize>,
-    /// Scale of the noise, pixels.
-    pub noise: f64,
-    /// Standard deviation of the logarithm of the focal length.
-    pub sd: f64,
-}
-
-/// Gauss–Newton system `H δ = −g` over the six parameters of a pose and the logarithm of the focal length.
-pub struct FocalSystem {
-    /// Number of correspondences that are likelier right than wrong.
-    pub agreeing: usize,
-    /// The loss there.
-    pub loss: f64,
-    /// `g`, its derivative.
-    pub gradient: SVector<f64, 7>,
-    /// `H`, symmetric.
-    pub hessian: SMatrix<f64, 7, 7>,
-    /// The scores of the matches.
-    pub cells: ScoreCells,
-}
-
-impl FocalObjective<'_> {
-    /// The likelihood's verdict on the given focal length, at the optimum for it.
-    ///
-    /// One linearized step decides whether to refine. The refinement is necessary because matches that the wrong focal
-    /// length lost return only during it.
-    pub fn verdict(&self, pose: &CameraFromWorld) -> FocalVerdict {
-        let given = PoseWithFocal { pose: *pose, factor: 1.0 };
-        let system = self.linearize(&given);
-        let Some(step) = solved(&system, 0.0) else { return FocalVerdict::Fine };
-        if !FocalVerdict::warrants_refinement(-0.5 * step.dot(&system.gradient), step[6]) {
-            return FocalVerdict::Fine;
-        }
-        let other = self.descend(&given, Convergence { steps: 12, min_gain: 1e-6 });
-        let there = self.linearize(&other);
-        let gain = (system.loss - there.loss) / there.cells.design_effect();
-        FocalVerdict::of(gain, &other, FocalVerdict::min_gain(self.matches.observations, system.agreeing))
+    /// The same for all parameters of a camera, of which only the focal length is free.
+    pub(crate) const fn free_sd(self) -> [f64; CAMERA] {
+        [self.sd(); CAMERA]
     }
-
-    /// Levenberg–Marquardt from a start; never returns a larger loss than the start's.
-    pub fn refine(&self, start: &PoseWithFocal) -> PoseWithFocal {
-        self.descend(start, Convergence::OF_FOCAL)
-    }
-
-    fn descend(&self, start: &PoseWithFocal, convergence: Convergence) -> PoseWithFocal {
-        let step = |at: &PoseWithFocal, here: &FocalSystem, damping| {
-            Some((moved(at, &solved(here, damping)?)?, f64::INFINITY))
-        };
-        levenberg_marquardt(*start, convergence, |at| self.linearize(at), |here| here.loss, step).at
-    }
-
-    /// Loss and derivatives at a pose and focal length.
-    pub fn linearize(&self, at: &PoseWithFocal) -> FocalSystem {
-        let matches = self.matches;
-        let camera = BentCamera::straight(matches.camera_with_focal(at.factor));
-        let mut system = FocalSystem {
-            agreeing: 0,
-            loss: 0.0,
-            gradient: Vector7::zeros(),
-            hessian: Matrix7::zeros(),
-            cells: ScoreCells::new(&matches.camera),
-        };
-        for &i in &self.active {
-            let Some(residual) = matches.residual_of(&camera, i, &at.pose, true) else { continue };
-            let term = matches.likelihood_term(i, &residual, self.noise);
-            let LikelihoodTerm { log_ratio, right, weight, loss } = term;
-            system.cells.add(&residual.pixel, &residual.score(&term));
-            system.agreeing += usize::from(log_ratio > 0.0);
-            system.loss += loss;
-            let column = |six: &[f64; 6], seventh: f64| {
-                Vector7::from([six[0], six[1], six[2], six[3], six[4], six[5], seventh])
-            };
-            for row in 0..matches.residuals() {
-                let j = column(&residual.jacobian[row], residual.by_camera[row][0]);
-                system.gradient += j * (weight * residual.error[row]);
-                system.hessian += j * j.transpose() * weight;
-            }
-            system.gradient -= column(&residual.radius_jacobian, residual.radius_by_camera[0]) * right;
-        }
-        let mut six = System::empty();
-        self.priors.add_to(&at.pose, &mut six);
-        let log = at.factor.ln();
-        system.loss += six.loss + 0.5 * (log / self.sd).powi(2);
-        let mut first = system.gradient.fixed_rows_mut::<6>(0);
-        first += six.gradient;
-        let mut block = system.hessian.fixed_view_mut::<6, 6>(0, 0);
-        block += six.hessian;
-        system.gradient[6] += log / (self.sd * self.sd);
-        system.hessian[(6, 6)] += (self.sd * self.sd).recip();
-        system
-    }
-}
-
-fn solved(system: &FocalSystem, damping: f64) -> Option<Vector7> {
-    let mut h = system.hessian;
-    for k in 0..7 {
-        h[(k, k)] += damping * h[(k, k)].max(1e-12);
-    }
-    let step = h.cholesky()?.solve(&-system.gradient);
-    step.iter().all(|s| s.is_finite()).then_some(step)
-}
-
-fn moved(at: &PoseWithFocal, step: &Vector7) -> Option<PoseWithFocal> {
-    let pose = at.pose.perturbed(&[step[0], step[1], step[2], step[3], step[4], step[5]]);
-    step_focal(at.factor, step[6]).map(|factor| PoseWithFocal { pose, factor })
-}
-
-/// The relative focal length after a step of its logarithm, limited to 0.2 per step; `None` outside of the allowed
-/// range.
-pub fn step_focal(factor: f64, log_step: f64) -> Option<f64> {
-    let log = factor.ln() + log_step.clamp(-0.2, 0.2);
-    (log.abs() <= MAX_LOG_CHANGE).then(|| log.exp())
 }

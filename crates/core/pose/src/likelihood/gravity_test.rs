@@ -105,7 +105,7 @@ mod tests {
 
     use super::*;
     use crate::likelihood::pose_priors::PosePriors;
-    use crate::likelihood::refine::System;
+    use crate::likelihood::system::System;
 
     fn pose() -> CameraFromWorld {
         Rigid3::new(Rotation3::from_euler_angles(0.3, -0.5, 1.1), Vector3::new(0.4, 2.0, 1.0))

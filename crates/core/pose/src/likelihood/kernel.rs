@@ -13,7 +13,7 @@ use veiloc_simd::pose::{
 
 use crate::likelihood::matches::Matches;
 use crate::likelihood::problem::Correspondences;
-use crate::likelihood::refine::System;
+use crate::likelihood::system::System;
 
 /// Local optimisation uses this many correspondences; the search and the final refinement use all.
 const COARSE: usize = 1024;

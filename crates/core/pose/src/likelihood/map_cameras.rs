@@ -7,7 +7,7 @@
 
 use veiloc_geometry::nalgebra::{SMatrix, SVector};
 
-use crate::likelihood::camera_error::CAMERA;
+use crate::likelihood::camera::CAMERA;
 
 type MatrixC = SMatrix<f64, CAMERA, CAMERA>;
 type Vector6C = SVector<f64, CAMERA>;

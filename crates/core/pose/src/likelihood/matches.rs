@@ -25,7 +25,7 @@ use std::hash::Hash;
 use veiloc_geometry::nalgebra::{Vector2, Vector3, Vector6};
 use veiloc_geometry::{Anchor, CameraFromWorld, Pinhole, Pixel, PixelLine};
 
-use crate::likelihood::camera_error::{BentCamera, CAMERA};
+use crate::likelihood::camera::{CAMERA, DistortedCamera};
 use crate::likelihood::outlier_density;
 use crate::likelihood::problem::{Correspondences, MatchViewpoint, PoseProblem};
 use crate::likelihood::visibility::visibility;
@@ -308,13 +308,13 @@ impl<'a> Matches<'a> {
 
     /// Residual with derivatives; `None` behind the camera or, when `gated`, where the point cannot be visible.
     pub(crate) fn residual(&self, i: usize, pose: &CameraFromWorld, gated: bool) -> Option<Residual> {
-        self.residual_of(&BentCamera::straight(self.camera), i, pose, gated)
+        self.residual_of(&DistortedCamera::undistorted(self.camera), i, pose, gated)
     }
 
     /// The same for another camera.
     pub(crate) fn residual_of(
         &self,
-        camera: &BentCamera,
+        camera: &DistortedCamera,
         i: usize,
         pose: &CameraFromWorld,
         gated: bool,
@@ -325,8 +325,11 @@ impl<'a> Matches<'a> {
             return None;
         }
         let plane = Vector2::new(p.x / p.z, p.y / p.z);
-        let (bent, by_plane) = camera.bend(&plane);
-        let pixel = Vector2::new(c.focal[0] * bent.x + c.principal[0], c.focal[1] * bent.y + c.principal[1]);
+        let (distorted, by_plane) = camera.distort(&plane);
+        let pixel = Vector2::new(
+            c.focal[0] * distorted.x + c.principal[0],
+            c.focal[1] * distorted.y + c.principal[1],
+        );
         if gated && !self.admits(i, &pixel) {
             return None;
         }
@@ -350,7 +353,7 @@ impl<'a> Matches<'a> {
             by_camera: [[0.0; CAMERA]; 2],
             radius_by_camera: [0.0; CAMERA],
         };
-        let by_change = camera.pixel_by_change(&plane, &bent);
+        let by_change = camera.pixel_by_change(&plane, &distorted);
         match self.observations {
             Correspondences::Points { .. } => {
                 residual.error = [pixel.x - o.x, pixel.y - o.y];
@@ -526,7 +529,7 @@ mod tests {
             let matches = Matches::new(&problem, 0.2);
             let pose = near_identity();
             let with = |change: &CameraChange, i: usize| {
-                let camera = BentCamera::changed(&matches.camera, change);
+                let camera = DistortedCamera::changed(&matches.camera, change);
                 matches.residual_of(&camera, i, &pose, false).expect("in front")
             };
             for i in 0..matches.len() {

@@ -12,7 +12,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
 
 use crate::likelihood::problem::{Gravity, PoseProblem};
-use crate::likelihood::refine::System;
+use crate::likelihood::system::System;
 
 /// Degrees of freedom of both distributions.
 const FREEDOM: f64 = 4.0;

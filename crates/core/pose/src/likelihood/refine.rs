@@ -1,10 +1,10 @@
 //! Levenberg–Marquardt on the six parameters of a pose, with robust losses and the anchored likelihood.
 
 use veiloc_geometry::CameraFromWorld;
-use veiloc_geometry::nalgebra::{Matrix6, Vector6};
 
 use crate::likelihood::descent::{Convergence, DescentResult, levenberg_marquardt};
-use crate::likelihood::matches::{Matches, Residual};
+use crate::likelihood::matches::Matches;
+use crate::likelihood::system::System;
 
 /// The loss over the chosen correspondences.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,16 +32,6 @@ pub struct Refined {
     pub loss: f64,
 }
 
-/// Gauss–Newton system `H δ = −g` at one pose, over the six parameters of [`CameraFromWorld::perturbed`].
-pub struct System {
-    /// The loss there.
-    pub loss: f64,
-    /// `g`, its derivative.
-    pub gradient: Vector6<f64>,
-    /// `H`, symmetric.
-    pub hessian: Matrix6<f64>,
-}
-
 /// Minimises the loss over the correspondences `active`, with at most `steps` accepted or rejected steps.
 ///
 /// Never returns a pose with a larger loss than the start's.
@@ -66,21 +56,12 @@ pub fn descend(
     min_gain: f64,
 ) -> Refined {
     let step = |pose: &CameraFromWorld, system: &System, damping| {
-        let step = damped_step(system, damping)?;
+        let step = system.damped_step(damping)?;
         Some((pose.perturbed(&step.into()), -0.5 * step.dot(&system.gradient)))
     };
     let DescentResult { at: pose, here } =
         levenberg_marquardt(*start, Convergence { steps, min_gain }, objective, |here| here.loss, step);
     Refined { pose: reorthonormalized(&pose), loss: here.loss }
-}
-
-fn damped_step(system: &System, damping: f64) -> Option<Vector6<f64>> {
-    let mut h = system.hessian;
-    for k in 0..6 {
-        h[(k, k)] += damping * h[(k, k)].max(1e-12);
-    }
-    let step = h.cholesky()?.solve(&-system.gradient);
-    step.iter().all(|s| s.is_finite()).then_some(step)
 }
 
 /// Products of rotations lose orthonormality only by rounding; one correction at the end is enough.
@@ -116,12 +97,7 @@ pub fn linearize(matches: &Matches<'_>, active: &[usize], loss: Loss, pose: &Cam
         system.loss += value;
         system.add(&residual, weight, radial, matches.residuals());
     }
-    for row in 0..6 {
-        for column in 0..row {
-            system.hessian[(row, column)] = system.hessian[(column, row)];
-        }
-    }
-    system
+    system.mirrored()
 }
 
 /// Loss of a correspondence that the pose cannot see: it counts as certainly wrong.
@@ -131,34 +107,6 @@ fn loss_out_of_sight(loss: Loss) -> f64 {
         Loss::Squared => 1e12,
         Loss::Truncated { threshold } => 0.5 * threshold * threshold,
         Loss::Likelihood { .. } => 0.0,
-    }
-}
-
-impl System {
-    /// Of no correspondence.
-    pub fn empty() -> Self {
-        Self { loss: 0.0, gradient: Vector6::zeros(), hessian: Matrix6::zeros() }
-    }
-
-    fn add(&mut self, residual: &Residual, weight: f64, radial: f64, rows: usize) {
-        if weight <= 0.0 {
-            return;
-        }
-        for k in 0..rows {
-            let (e, j) = (residual.error[k], &residual.jacobian[k]);
-            for a in 0..6 {
-                let wj = weight * j[a];
-                self.gradient[a] += wj * e;
-                for b in a..6 {
-                    self.hessian[(a, b)] += wj * j[b];
-                }
-            }
-        }
-        if radial > 0.0 {
-            for a in 0..6 {
-                self.gradient[a] -= radial * residual.radius_jacobian[a];
-            }
-        }
     }
 }
 

@@ -11,7 +11,6 @@ pub(crate) mod half_planes;
 pub(crate) mod minimal;
 mod radial;
 pub(crate) mod sampler;
-pub(crate) mod search;
 
 pub use veiloc_geometry::Stop;
 

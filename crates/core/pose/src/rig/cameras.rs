@@ -1,116 +1,155 @@
-//! The cameras of a rig's images: what their errors add to the covariance of the pose, and whether the matches contradict
-//! them.
+//! The cameras of the images: what their errors add to the covariance of the pose, and whether the matches contradict them.
 //!
-//! Does for the frames of one [`Lens`] what `camera_refinement.rs` does for one image. All frames of a lens have the same
-//! errors, so more frames do not average them out:
+//! They are tested after the focal lengths ([`super::lens`]). A wrong principal point, as in a cropped image, and pixels
+//! that are not square move the pose, but the residuals hardly grow: a shift of the principal point resembles a
+//! rotation. Many matches can distinguish both, because a rotation also changes the perspective. The camera of a single
+//! image that the matches contradict is estimated, those of several frames are doubted.
+//!
+//! All frames of a camera have the same errors, so more frames do not average them out:
 //!
 //! ```text
-//! C_camera = Σ_lenses M S Mᵀ,   M = Λ⁻¹ Σ_frames A_iᵀ K_i J_i,   Λ = Σ A_iᵀ K_i A_i
+//! C_camera = Σ_cameras M S Mᵀ,   M = Λ⁻¹ Σ_frames A_iᵀ K_i J_i,   Λ = Σ A_iᵀ K_i A_i
 //! ```
 //!
-//! `S` is the second moment of the errors by all frames of the lens, `J_i` the step of a frame's pose by them, `K_i` its
-//! information with its deviation from the odometry marginalised out, and `A_i` takes a step of the rig to the frame.
+//! `S` is the second moment of the errors by all frames of the camera, `J_i` the step of a frame's pose by them, `K_i`
+//! its information with its deviation from the odometry marginalised out, and `A_i` takes a step of the rig to the
+//! frame.
 
 use veiloc_geometry::nalgebra::Matrix6;
 
-use super::RigFrame;
 use super::evidence::FrameContribution;
-use super::focal::Lens;
-use super::polish::PolishedRig;
-use super::search::RigSearch;
+use super::frame::agreeing;
+use super::joint::Poses;
+use super::lens::{Refined, SharedCamera};
+use super::polish::polish;
+use super::search::Search;
 use crate::likelihood::{
-    CameraChange, CameraEvidence, CameraInfluence, CameraObjective, CameraVerdict, PoseWithCamera,
-    Symmetric6, propagated, sum,
+    CameraEvidence, CameraInfluence, CameraObjective, CameraVerdict, FocalPrior, FocalVerdict,
+    PoseWithCamera, Symmetric6, propagated, sum,
 };
 use crate::options::PoseOptions;
 
-/// What the cameras of a rig's images do to its pose.
-pub(super) struct RigCameras {
-    /// What their errors add to the covariance of the rig's pose.
-    pub(super) covariance: Symmetric6,
-    /// Whether the matches of a frame contradict its camera.
+/// What a test of the cameras shows.
+#[derive(Default)]
+pub(super) struct CameraTest {
+    /// Whether the matches of a frame contradict its camera, and no other one was estimated.
     pub(super) is_contradicted: bool,
+    /// What the matches of a single image say about its camera, if asked for.
+    pub(super) evidence: Option<CameraEvidence>,
+    /// What errors of a single image's camera add to the covariance of its pose.
+    covariance: Option<Symmetric6>,
 }
 
-impl RigCameras {
-    /// At refined poses. `given` are the frames as the caller gave them.
-    pub(super) fn new(
-        search: &RigSearch<'_>,
-        polished: &PolishedRig,
-        lenses: &[Lens],
-        contributions: &[FrameContribution<'_>],
-        given: &[RigFrame],
-        options: &PoseOptions,
-    ) -> Self {
-        let frames = Frames { search, polished, given };
-        let held: Matrix6<f64> = contributions
-            .iter()
-            .zip(&search.constraints)
-            .map(|(w, constraint)| {
-                constraint.information_over_rig(&w.information_with_shared_errors(), &w.deviation)
-            })
-            .sum();
-        let held = held.cholesky();
-        let of_lens = |lens: &Lens| {
-            let (spread, force) = frames.of_lens(lens, contributions)?;
-            propagated(&held.as_ref()?.solve(&force), &spread)
-        };
-        let covariance = lenses.iter().filter_map(of_lens).fold([[0.0; 6]; 6], |all, one| sum(&all, &one));
-        let is_contradicted = lenses.iter().any(|lens| {
-            lens.frames.iter().any(|&f| frames.contradict(f, lens, contributions[f].inliers.len(), options))
-        });
-        Self { covariance, is_contradicted }
-    }
-}
-
-struct Frames<'s, 'a> {
-    search: &'s RigSearch<'a>,
-    polished: &'s PolishedRig,
-    given: &'s [RigFrame],
-}
-
-impl Frames<'_, '_> {
-    /// Second moment of a lens' errors, and the force on the rig by each of them; `None` when no frame determines them.
-    fn of_lens(
-        &self,
-        lens: &Lens,
-        contributions: &[FrameContribution<'_>],
-    ) -> Option<(Matrix6<f64>, Matrix6<f64>)> {
-        let change = CameraChange::of_focal(lens.factor);
-        let mut force = Matrix6::zeros();
-        let mut evidence = Vec::with_capacity(lens.frames.len());
-        for &f in &lens.frames {
-            let at = PoseWithCamera { pose: self.polished.poses.cams[f], change };
-            let influence = self.objective(f, &at, self.polished.noise[f]).look(&at).influence;
-            let Some(CameraInfluence { pose_by_camera, evidence: mut of_frame }) = influence else {
-                continue;
+impl CameraTest {
+    /// Tests the cameras of refined poses. That of a single image is estimated when it is wrong.
+    pub(super) fn new(search: &mut Search<'_>, refined: &mut Refined, options: &PoseOptions) -> Self {
+        if search.frames.len() > 1 {
+            let is_contradicted =
+                (0..search.frames.len()).any(|f| is_contradicted(search, refined, f, options));
+            return Self { is_contradicted, ..Self::default() };
+        }
+        let SharedCamera { change, focal, verdict, .. } = refined.cameras[0];
+        let (pose, noise) = (refined.polished.poses.cams[0], refined.polished.noise[0]);
+        let objective = search.frames[0].camera_objective(&pose, noise);
+        let here = objective.linearize(&PoseWithCamera { pose, change });
+        let evidence = options.camera_evidence.then(|| objective.evidence(&here)).flatten().map(|evidence| {
+            let focal_gain = match verdict {
+                FocalVerdict::Wrong if focal == FocalPrior::Calibrated => {
+                    let matches = search.frames[0].matches();
+                    let likelihoods = search.frames[0].kernel().likelihoods(&pose, noise);
+                    FocalVerdict::min_gain(matches.observations, agreeing(&likelihoods).len())
+                }
+                _ => verdict.suspected_gain(),
             };
-            let (w, constraint) = (&contributions[f], &self.search.constraints[f]);
-            of_frame.shared_variance /= w.share();
-            let information = w.information_with_shared_errors();
-            force += constraint.force_over_rig(&information, &w.deviation, &pose_by_camera);
-            evidence.push(of_frame);
-        }
-        let first = *lens.frames.first()?;
-        let at = PoseWithCamera { pose: self.polished.poses.cams[first], change };
-        let objective = self.objective(first, &at, self.polished.noise[first]);
-        Some((objective.assumed_spread(&CameraEvidence::of_all(&evidence), &change)?, force))
+            CameraEvidence { focal_gain, ..evidence }
+        });
+        let verdict = objective.test(&here);
+        let covariance = if let CameraVerdict::Other(other) = verdict {
+            let rig = search.constraints[0].rig(&other.pose);
+            let start = Poses::rigid(&search.constraints, rig);
+            refined.move_to(search, 0, &(start, other.change.without_distortion()), options);
+            // The focal length was refined with the rest of the camera.
+            refined.cameras[0].verdict = FocalVerdict::Fine;
+            let pose = refined.polished.poses.cams[0];
+            let at = PoseWithCamera { pose, change: refined.cameras[0].change };
+            objective_of(search, refined, 0).covariance_of_estimated(&at)
+        } else {
+            objective.covariance(&here)
+        };
+        let covariance = Some(search.constraints[0].covariance_of_rig(&covariance));
+        Self { is_contradicted: verdict == CameraVerdict::Contradicted, evidence, covariance }
     }
 
-    /// Whether the matches of a frame contradict its camera, at the frame's own best pose. Those of a frame that
-    /// contradicts the other frames say nothing: fewer agree with the joint pose, `agreeing`, than with another one.
-    fn contradict(&self, f: usize, lens: &Lens, agreeing: usize, options: &PoseOptions) -> bool {
-        let search = &self.search.frames[f].search;
-        let alone = search.polish(&self.polished.poses.cams[f], options.estimate_noise);
-        let of_alone = search.agreeing(&alone.pose, &search.likelihoods(&alone)).len();
-        let at = PoseWithCamera { pose: alone.pose, change: CameraChange::of_focal(lens.factor) };
-        2 * agreeing >= of_alone && {
-            let objective = self.objective(f, &at, alone.noise);
-            objective.test(&objective.look(&at)) != CameraVerdict::Fine
-        }
+    /// What errors of the cameras add to the covariance of the rig's pose.
+    pub(super) fn covariance(
+        &self,
+        search: &Search<'_>,
+        refined: &Refined,
+        contributions: &[FrameContribution<'_>],
+    ) -> Symmetric6 {
+        self.covariance.unwrap_or_else(|| covariance_of_several(search, refined, contributions))
     }
+}
 
-    fn objective(&self, f: usize, at: &PoseWithCamera, noise: f64) -> CameraObjective<'_> {
-        self.search.frames[f].camera_objective(self.given, &at.pose, noise)
+fn objective_of<'s>(search: &'s Search<'_>, refined: &Refined, f: usize) -> CameraObjective<'s> {
+    search.frames[f].camera_objective(&refined.polished.poses.cams[f], refined.polished.noise[f])
+}
+
+fn covariance_of_several(
+    search: &Search<'_>,
+    refined: &Refined,
+    contributions: &[FrameContribution<'_>],
+) -> Symmetric6 {
+    let held: Matrix6<f64> = contributions
+        .iter()
+        .zip(&search.constraints)
+        .map(|(w, constraint)| {
+            constraint.information_over_rig(&w.information_with_shared_errors(), &w.deviation)
+        })
+        .sum();
+    let held = held.cholesky();
+    let of_camera = |camera: &SharedCamera| {
+        let (spread, force) = spread_and_force(search, refined, camera, contributions)?;
+        propagated(&held.as_ref()?.solve(&force), &spread)
+    };
+    refined.cameras.iter().filter_map(of_camera).fold([[0.0; 6]; 6], |all, one| sum(&all, &one))
+}
+
+/// Second moment of a camera's errors, and the force on the rig by each of them; `None` when no frame determines them.
+fn spread_and_force(
+    search: &Search<'_>,
+    refined: &Refined,
+    camera: &SharedCamera,
+    contributions: &[FrameContribution<'_>],
+) -> Option<(Matrix6<f64>, Matrix6<f64>)> {
+    let mut force = Matrix6::zeros();
+    let mut evidence = Vec::with_capacity(camera.frames.len());
+    for &f in &camera.frames {
+        let at = PoseWithCamera { pose: refined.polished.poses.cams[f], change: camera.change };
+        let influence = objective_of(search, refined, f).linearize(&at).influence;
+        let Some(CameraInfluence { pose_by_camera, evidence: mut of_frame }) = influence else { continue };
+        let (w, constraint) = (&contributions[f], &search.constraints[f]);
+        of_frame.shared_variance /= w.share();
+        let information = w.information_with_shared_errors();
+        force += constraint.force_over_rig(&information, &w.deviation, &pose_by_camera);
+        evidence.push(of_frame);
+    }
+    let objective = objective_of(search, refined, *camera.frames.first()?);
+    Some((objective.assumed_spread(&CameraEvidence::of_all(&evidence), &camera.change)?, force))
+}
+
+/// Whether the matches of a frame contradict its camera, at the frame's own best pose. Those of a frame that contradicts
+/// the other frames say nothing: fewer agree with the joint pose than with another one.
+fn is_contradicted(search: &Search<'_>, refined: &Refined, f: usize, options: &PoseOptions) -> bool {
+    let frame = &search.frames[f];
+    let (joint, noise) = (&refined.polished.poses.cams[f], refined.polished.noise[f]);
+    let (frames, fixed) = (std::slice::from_ref(frame), [search.constraints[f].rigid()]);
+    let alone = polish(frames, &fixed, &Poses::rigid(&fixed, fixed[0].rig(joint)), options);
+    let (own, own_noise) = (alone.poses.cams[0], alone.noise[0]);
+    let agreeing = |cam, noise| agreeing(&frame.kernel().likelihoods(cam, noise)).len();
+    2 * agreeing(joint, noise) >= agreeing(&own, own_noise) && {
+        let objective = frame.camera_objective(&own, own_noise);
+        let at = PoseWithCamera { pose: own, change: refined.camera_of(f).change };
+        objective.test(&objective.linearize(&at)) != CameraVerdict::Fine
     }
 }

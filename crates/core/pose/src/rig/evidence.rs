@@ -1,4 +1,4 @@
-//! Confidence of a rig's pose from several frames.
+//! Confidence of a pose from one frame or several.
 //!
 //! # Evidence
 //! Frames that see the same points are not independent: if a descriptor is mistaken for that of a map point once, it is
@@ -17,20 +17,19 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use veiloc_geometry::deviations::rotation_sd_degrees;
 use veiloc_geometry::nalgebra::{Matrix6, Vector3, Vector6};
 use veiloc_geometry::statistics::upper_median;
 use veiloc_geometry::{Anchor, CameraFromWorld};
 
+use super::frame::{Frame, agreeing};
 use super::joint::Poses;
 use super::odometry::{Deviation, OdometryConstraint};
 use crate::confidence::{
     Confidence, MIN_MARGIN, Precision, free_direction, gains, log_det, log_poses, min_log_evidence,
 };
 use crate::likelihood::{
-    Correspondences, CovarianceInputs, Matches, PosePriors, Symmetric6, inverse_or_infinite, sum, with_shift,
+    Correspondences, CovarianceInputs, Matches, PosePriors, Symmetric6, inverse_or_infinite,
 };
-use crate::ransac::search::Search;
 
 /// Probability that a frame shows the part of the scene that its pose predicts.
 const VISIBLE_PROBABILITY: f64 = 0.9;
@@ -40,7 +39,7 @@ type PointKey = [u64; 3];
 
 /// One frame at the joint pose.
 pub(super) struct FrameContribution<'a> {
-    pub(super) search: &'a Search<'a>,
+    pub(super) frame: &'a Frame<'a>,
     /// Log likelihood ratio of each correspondence, `[N]`.
     pub(super) likelihoods: Vec<f64>,
     pub(super) inliers: Vec<usize>,
@@ -48,8 +47,9 @@ pub(super) struct FrameContribution<'a> {
     pub(super) information: Matrix6<f64>,
     /// Variance of errors that neighbouring matches share, in multiples of that of independent ones.
     design_effect: f64,
-    /// Information of the camera priors.
-    known: Matrix6<f64>,
+    /// A direction of translation that the matches of a frame leave free which is the only one, a unit vector of the
+    /// camera frame, with the distance of the scene.
+    pub(super) free: Option<(Vector3<f64>, f64)>,
     pub(super) deviation: Deviation,
     /// For each keypoint: its gain, and its likeliest map point, `[K]`.
     gains: Vec<(f64, PointKey)>,
@@ -57,12 +57,12 @@ pub(super) struct FrameContribution<'a> {
     frames: Vec<usize>,
 }
 
-/// Evidence and covariance of a rig's pose.
+/// Evidence and information of a pose, from the matches alone.
 pub(super) struct FrameEvidence {
-    /// Covariance of the rig's pose, from the matches and the camera priors.
-    pub(super) covariance: Symmetric6,
-    /// The same by the matches alone.
-    pub(super) by_matches: Symmetric6,
+    /// Information, with the errors that neighbouring matches share and what frames repeat.
+    pub(super) held: Matrix6<f64>,
+    /// Covariance as if all errors were independent.
+    pub(super) independent: Symmetric6,
     /// Share of the gains that no other frame repeats, 0 to 1.
     share: f64,
     log_evidence: f64,
@@ -74,18 +74,18 @@ fn key(point: &Vector3<f64>) -> PointKey {
 
 impl<'a> FrameContribution<'a> {
     /// `focal_sd` is the prior standard deviation of the logarithm of the focal length; `None` when it was not
-    /// estimated.
+    /// estimated. `is_alone`: there is no other frame.
     pub(super) fn new(
-        search: &'a Search<'a>,
-        constraint: &OdometryConstraint,
-        poses: &Poses,
-        frame: usize,
+        frame: &'a Frame<'a>,
+        deviation: Deviation,
+        cam: &CameraFromWorld,
         noise: f64,
         focal_sd: Option<f64>,
+        is_alone: bool,
     ) -> Self {
-        let (matches, cam) = (search.matches(), &poses.cams[frame]);
-        let likelihoods = search.kernel().likelihoods(cam, noise);
-        let inliers = search.agreeing(cam, &likelihoods);
+        let matches = frame.matches();
+        let likelihoods = frame.kernel().likelihoods(cam, noise);
+        let inliers = agreeing(&likelihoods);
         // The likeliest correspondence of each keypoint.
         let mut likeliest: Vec<Option<usize>> = vec![None; matches.keypoints];
         for i in 0..matches.len() {
@@ -99,14 +99,25 @@ impl<'a> FrameContribution<'a> {
             .zip(&likeliest)
             .filter_map(|(gain, i)| i.map(|i| (gain, key(&matches.points[i]))))
             .collect();
+        let inputs = CovarianceInputs {
+            matches,
+            priors: &PosePriors::default(),
+            pose: cam,
+            likelihoods: &likelihoods,
+            noise,
+            focal_sd,
+            design_effect: 1.0,
+            free: None,
+        };
+        let (information, free) = information_from_matches(inputs, &inliers, is_alone);
         Self {
-            search,
-            known: search.priors().information(cam),
-            design_effect: search.design_effect(cam, &likelihoods, noise),
-            information: information_from_matches(search, cam, &likelihoods, &inliers, noise, focal_sd),
+            frame,
+            design_effect: frame.design_effect(cam, &likelihoods, noise),
+            information,
+            free,
             likelihoods,
             inliers,
-            deviation: constraint.deviation(&poses.rig, cam),
+            deviation,
             gains,
             frames: Vec::new(),
         }
@@ -122,6 +133,11 @@ impl<'a> FrameContribution<'a> {
         self.mean(&averaged)
     }
 
+    /// Number of keypoints that agree.
+    pub(super) fn inlier_keypoints(&self) -> usize {
+        self.frame.matches().keypoints_among(self.inliers.iter().copied())
+    }
+
     /// Length of the deviation from the odometry in standard deviations; 0 for a fixed frame.
     pub(super) fn deviation(&self) -> f64 {
         self.deviation.step.component_mul(&self.deviation.step).dot(&self.deviation.precision).sqrt()
@@ -129,7 +145,7 @@ impl<'a> FrameContribution<'a> {
 
     /// Standard deviation that the inliers show, pixels; `None` without inliers.
     pub(super) fn noise_px(&self, cam: &CameraFromWorld) -> Option<f64> {
-        let matches = self.search.matches();
+        let matches = self.frame.matches();
         let (mut sum, mut count) = (0.0, 0.0);
         for &i in &self.inliers {
             let right = 1.0 / (1.0 + (-self.likelihoods[i]).exp());
@@ -157,37 +173,31 @@ impl<'a> FrameContribution<'a> {
     }
 }
 
-/// Information of a frame's matches alone about its camera. If the lines of one anchor give no evidence for the
-/// direction that those of the other leave free, the information along it is removed.
+/// Information of a frame's matches alone about its camera, as if errors were independent. If the lines of one anchor
+/// give no evidence for the direction that those of the other leave free, other frames may hold it: the information
+/// along it is removed. Without another frame the direction is returned, and the pose is anywhere along it within the
+/// distance of the scene.
 fn information_from_matches(
-    search: &Search<'_>,
-    cam: &CameraFromWorld,
-    likelihoods: &[f64],
+    inputs: CovarianceInputs<'_>,
     inliers: &[usize],
-    noise: f64,
-    focal_sd: Option<f64>,
-) -> Matrix6<f64> {
-    let (matches, nothing) = (search.matches(), &PosePriors::default());
-    let estimated = CovarianceInputs {
-        matches,
-        priors: nothing,
-        pose: cam,
-        likelihoods,
-        noise,
-        focal_sd,
-        design_effect: 1.0,
-        free: None,
-    };
-    let information = estimated.information();
-    let covariance = estimated.covariance();
-    let free = (covariance[3][3] < f64::INFINITY)
-        .then(|| free_direction(matches, cam, inliers, likelihoods, &covariance))
+    is_alone: bool,
+) -> (Matrix6<f64>, Option<(Vector3<f64>, f64)>) {
+    let covariance = inputs.covariance();
+    let free = (is_alone || covariance[3][3] < f64::INFINITY)
+        .then(|| free_direction(inputs.matches, inputs.pose, inliers, inputs.likelihoods, &covariance))
         .flatten();
-    let Some((ray, _)) = free else { return information };
-    let direction = Vector6::new(0.0, 0.0, 0.0, ray.x, ray.y, ray.z);
-    let along = information * direction;
-    let held = direction.dot(&along);
-    if held > 0.0 { information - along * along.transpose() / held } else { information }
+    match free {
+        Some(_) if is_alone => (CovarianceInputs { free, ..inputs }.information(), free),
+        Some((ray, _)) => {
+            let information = inputs.information();
+            let direction = Vector6::new(0.0, 0.0, 0.0, ray.x, ray.y, ray.z);
+            let along = information * direction;
+            let held = direction.dot(&along);
+            let rest = along * along.transpose() / held;
+            (if held > 0.0 { information - rest } else { information }, None)
+        }
+        None => (inputs.information(), None),
+    }
 }
 
 /// Weight of a match in each of a number of frames: half of the variance of a residual is assumed to be the map point's
@@ -220,8 +230,9 @@ pub(super) fn combine_evidence(
     let once = |frames: usize| (frames as f64).recip();
     let alone = over_rig(contributions, constraints, &|_| 1.0);
     let repeated_once = over_rig(contributions, constraints, &|w| w.mean(&once));
+    let independent = inverse_or_infinite(&alone.iter().sum());
 
-    let points = || contributions.iter().flat_map(|w| w.search.matches().points.iter());
+    let points = || contributions.iter().flat_map(|w| w.frame.matches().points.iter());
     let log_evidence = |gained: f64, information: &Matrix6<f64>| {
         let log_det = log_det(&(information / std::f64::consts::TAU));
         log_det.map_or(f64::NEG_INFINITY, |log_det| gained - 0.5 * log_det - log_poses(points()))
@@ -247,19 +258,13 @@ pub(super) fn combine_evidence(
     let held = alone
         .into_iter()
         .fold(joint.iter().sum(), |a: Matrix6<f64>, b| if log_held(&b) > log_held(&a) { b } else { a });
-    let known = contributions
-        .iter()
-        .zip(constraints)
-        .map(|(w, constraint)| constraint.information_over_rig(&w.known, &w.deviation));
-    let with_known = held + known.sum::<Matrix6<f64>>();
-
     let (total, single) = contributions.iter().fold((0.0, 0.0), |(total, single), w| {
         let gained: f64 = w.gains.iter().map(|(gain, _)| gain.max(0.0)).sum();
         (total + gained, single + gained * w.mean(&once))
     });
     FrameEvidence {
-        covariance: inverse_or_infinite(&with_known),
-        by_matches: inverse_or_infinite(&held),
+        held,
+        independent,
         share: if total > 0.0 { single / total } else { 1.0 },
         log_evidence: evidence,
     }
@@ -278,24 +283,13 @@ fn over_rig(
 }
 
 impl FrameEvidence {
-    /// Adds a systematic shift of the pose by this step.
-    pub(super) fn shift(&mut self, step: &[f64; 6]) {
-        self.covariance = with_shift(&self.covariance, step);
-        self.by_matches = with_shift(&self.by_matches, step);
-    }
-
-    /// Adds the effect of errors of the cameras.
-    pub(super) fn add(&mut self, of_cameras: &Symmetric6) {
-        self.covariance = sum(&self.covariance, of_cameras);
-        self.by_matches = sum(&self.by_matches, of_cameras);
-    }
-
     /// Required margin over the best other pose, before repeated gains are discounted.
     pub(super) fn min_margin(&self) -> f64 {
         MIN_MARGIN / self.share
     }
 
-    /// The confidence of the pose, for a given margin over the best other one.
+    /// The confidence of the pose for a given margin over the best other one, as far as it does not depend on the final
+    /// covariances.
     pub(super) fn confidence(
         &self,
         contributions: &[FrameContribution<'_>],
@@ -306,12 +300,12 @@ impl FrameEvidence {
             .iter()
             .zip(&poses.cams)
             .flat_map(|(w, cam)| {
-                let points = &w.search.matches().points;
+                let points = &w.frame.matches().points;
                 w.inliers.iter().map(|&i| (cam.rotation() * points[i] + cam.translation()).norm())
             })
             .collect();
-        let least = contributions.iter().map(|w| min_log_evidence(w.search.matches()));
-        let confidence = Confidence {
+        let least = contributions.iter().map(|w| min_log_evidence(w.frame.matches()));
+        Confidence {
             min_log_evidence: least.fold(0.0, f64::max),
             log_evidence: self.log_evidence,
             margin: margin * self.share,
@@ -321,15 +315,14 @@ impl FrameEvidence {
             center_sd: 0.0,
             center_sd_relative: 0.0,
             held_relative: 0.0,
-            held_rotation_deg: rotation_sd_degrees(&self.by_matches),
+            held_rotation_deg: 0.0,
             distance: upper_median(&mut distances).unwrap_or(f64::NAN),
             rotation_sd_deg: 0.0,
             needed: Precision::ANY,
             other_focal: None,
             is_camera_contradicted: false,
             sides: sides(contributions),
-        };
-        confidence.with_covariances(&self.covariance, &self.by_matches)
+        }
     }
 }
 
@@ -338,7 +331,7 @@ impl FrameEvidence {
 fn sides(contributions: &[FrameContribution<'_>]) -> Option<[usize; 2]> {
     let anchored: Vec<(&Matches<'_>, &[usize])> = contributions
         .iter()
-        .map(|w| (w.search.matches(), w.inliers.as_slice()))
+        .map(|w| (w.frame.matches(), w.inliers.as_slice()))
         .filter(|(matches, _)| matches!(matches.observations, Correspondences::Anchored { .. }))
         .collect();
     if anchored.is_empty() {

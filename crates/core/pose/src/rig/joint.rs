@@ -1,19 +1,21 @@
-//! Levenberg–Marquardt on the poses of a rig and of its frames together.
+//! Levenberg–Marquardt on the poses of a rig and of its frames together, and on parameters of a camera that several
+//! frames share.
 //!
-//! Frames are connected only to the rig, so the normal equations have arrowhead structure: each frame's six unknowns
-//! are eliminated on their own, and the rig's six remain.
+//! Frames are connected only to the rig and to their camera, so the normal equations have arrowhead structure: each
+//! frame's six unknowns are eliminated on their own, and the shared ones `ε` remain, the rig's six and those of the
+//! camera.
 //!
 //! ```text
-//! | B_1          -W_1 A_1 | | δ_1 |   | -g_1 - W_1 r_1        |     B_i = H_i + W_i
-//! |      B_2     -W_2 A_2 | | δ_2 | = | -g_2 - W_2 r_2        |     H_i, g_i of frame i's matches
-//! |  ·    ·         ·     | |  ε  |   |  Σ A_iᵀ W_i r_i       |     r_i, W_i, A_i of its tie
-//! |  ·    ·         ·     | |  ε  |   |  Σ A_iᵀ W_i r_i       |     r_i, W_i, A_i of its odometry
+//! | B_1          M_1 | | δ_1 |   | -g_1 - W_1 r_1          |   B_i = H_i + W_i,  M_i = [-W_i A_i | h_i]
+//! |      B_2     M_2 | | δ_2 | = | -g_2 - W_2 r_2          |   H_i, g_i of frame i's matches, h_i by the camera
+//! | M_1ᵀ M_2ᵀ    S   | |  ε  |   |  Σ A_iᵀ W_i r_i | -Σ g_φ |   r_i, W_i, A_i of its odometry
+//! ```
 
-use veiloc_geometry::nalgebra::{Matrix6, Rotation3, Vector6};
+use veiloc_geometry::nalgebra::{Matrix6, Rotation3, SMatrix, SVector, Vector6};
 use veiloc_geometry::{CameraFromWorld, RigFromWorld};
 
 use super::odometry::{Deviation, OdometryConstraint};
-use crate::likelihood::{Convergence, System, levenberg_marquardt};
+use crate::likelihood::{Convergence, POSE, System, damped, levenberg_marquardt};
 
 /// The poses of a rig and its frames.
 #[derive(Debug, Clone)]
@@ -21,13 +23,6 @@ pub(super) struct Poses {
     pub(super) rig: RigFromWorld,
     /// `[F]`
     pub(super) cams: Vec<CameraFromWorld>,
-}
-
-/// The linearization at one point: of each frame's matches, and of its odometry.
-struct Linearized {
-    systems: Vec<System>,
-    deviations: Vec<Deviation>,
-    loss: f64,
 }
 
 impl Poses {
@@ -45,8 +40,8 @@ impl Poses {
             .sum()
     }
 
-    pub(super) fn moved(&self, constraints: &[OdometryConstraint], step: &Step) -> Self {
-        let rig = self.rig.perturbed(&step.rig.into());
+    pub(super) fn moved<const N: usize>(&self, constraints: &[OdometryConstraint], step: &Step<N>) -> Self {
+        let rig = self.rig.perturbed(&step.of_rig().into());
         let cam = |((constraint, cam), step): ((&OdometryConstraint, &CameraFromWorld), &Vector6<f64>)| {
             if constraint.is_rigid() { constraint.camera(&rig) } else { cam.perturbed(&(*step).into()) }
         };
@@ -77,13 +72,109 @@ impl Poses {
     }
 }
 
-/// A step of all poses.
-pub(super) struct Step {
-    pub(super) rig: Vector6<f64>,
+/// A step of all poses, and of the parameters of the camera.
+pub(super) struct Step<const N: usize> {
+    /// The rig's six, then those of the camera.
+    shared: SVector<f64, N>,
     /// `[F]`
-    pub(super) cams: Vec<Vector6<f64>>,
+    cams: Vec<Vector6<f64>>,
     /// Gain predicted by the quadratic model.
     pub(super) promised: f64,
+}
+
+impl<const N: usize> Step<N> {
+    fn of_rig(&self) -> Vector6<f64> {
+        self.shared.fixed_rows::<POSE>(0).into()
+    }
+
+    /// Of the parameters of the camera.
+    pub(super) fn of_camera(&self) -> &[f64] {
+        &self.shared.as_slice()[POSE..]
+    }
+}
+
+/// The linearization at one point: of each frame's matches, and of its odometry.
+pub(super) struct Linearized<const N: usize> {
+    systems: Vec<System<N>>,
+    deviations: Vec<Deviation>,
+    pub(super) loss: f64,
+}
+
+/// One frame's six unknowns, eliminated: its step is `alone − bound ε`.
+struct Eliminated<const N: usize> {
+    alone: Vector6<f64>,
+    bound: SMatrix<f64, POSE, N>,
+}
+
+impl<const N: usize> Linearized<N> {
+    /// `objective` linearizes one frame at a pose of its camera.
+    pub(super) fn new(
+        poses: &Poses,
+        constraints: &[OdometryConstraint],
+        objective: impl Fn(usize, &CameraFromWorld) -> System<N>,
+    ) -> Self {
+        let systems: Vec<_> = poses.cams.iter().enumerate().map(|(i, cam)| objective(i, cam)).collect();
+        let deviations = poses.deviations(constraints);
+        let loss =
+            systems.iter().map(|s| s.loss).sum::<f64>() + deviations.iter().map(|p| p.loss).sum::<f64>();
+        Self { systems, deviations, loss }
+    }
+
+    /// The step under a damping; `None` when the system does not determine one.
+    pub(super) fn damped_step(&self, constraints: &[OdometryConstraint], damping: f64) -> Option<Step<N>> {
+        let (mut hessian, mut gradient) = (SMatrix::<f64, N, N>::zeros(), SVector::<f64, N>::zeros());
+        let mut eliminated = Vec::with_capacity(constraints.len());
+        for ((constraint, system), deviation) in constraints.iter().zip(&self.systems).zip(&self.deviations) {
+            if constraint.is_rigid() {
+                let over = constraint.with_camera::<N>();
+                hessian += over.transpose() * system.hessian * over;
+                gradient += over.transpose() * system.gradient;
+                eliminated.push(None);
+                continue;
+            }
+            let (slope, of_pose) = system.of_pose();
+            let w = Matrix6::from_diagonal(&deviation.precision);
+            let strain = deviation.precision.component_mul(&deviation.step);
+            let own = (damped(of_pose, damping) + w).cholesky()?;
+            // How the shared parameters act on the frame.
+            let mut acting = SMatrix::<f64, POSE, N>::zeros();
+            acting.fixed_columns_mut::<POSE>(0).copy_from(&-constraint.carried_by(&w));
+            let (mut direct, mut direct_slope) = (system.hessian, system.gradient);
+            for k in POSE..N {
+                acting.set_column(k, &system.hessian.fixed_view::<POSE, 1>(0, k));
+                direct.fixed_view_mut::<POSE, 1>(0, k).fill(0.0);
+                direct.fixed_view_mut::<1, POSE>(k, 0).fill(0.0);
+            }
+            direct.fixed_view_mut::<POSE, POSE>(0, 0).copy_from(&constraint.over_rig(&w));
+            direct_slope.fixed_rows_mut::<POSE>(0).copy_from(&-constraint.gradient_over_rig(&strain));
+            let frame = Eliminated { alone: own.solve(&-(slope + strain)), bound: own.solve(&acting) };
+            hessian += direct - acting.transpose() * frame.bound;
+            gradient += direct_slope + acting.transpose() * frame.alone;
+            eliminated.push(Some(frame));
+        }
+        let shared = damped(hessian, damping).cholesky()?.solve(&-gradient);
+        let rig: Vector6<f64> = shared.fixed_rows::<POSE>(0).into();
+        let mut slope = 0.0;
+        let mut cams = Vec::with_capacity(constraints.len());
+        let parts = constraints.iter().zip(&self.systems).zip(&self.deviations).zip(&eliminated);
+        for (((constraint, system), deviation), eliminated) in parts {
+            let carried = constraint.carried(&rig);
+            let cam = match eliminated {
+                None => carried,
+                Some(Eliminated { alone, bound }) => {
+                    let strain = deviation.precision.component_mul(&deviation.step);
+                    let cam = alone - bound * shared;
+                    slope += strain.dot(&(cam - carried));
+                    cam
+                }
+            };
+            slope +=
+                system.of_pose().0.dot(&cam) + (POSE..N).map(|k| system.gradient[k] * shared[k]).sum::<f64>();
+            cams.push(cam);
+        }
+        let finite = shared.iter().chain(cams.iter().flat_map(Vector6::iter)).all(|s| s.is_finite());
+        finite.then_some(Step { shared, cams, promised: -0.5 * slope })
+    }
 }
 
 /// Minimises the sum of all frames' losses and odometry losses, with at most `steps` accepted or rejected steps; ends
@@ -97,67 +188,14 @@ pub(super) fn descend(
     steps: usize,
     min_gain: f64,
 ) -> Poses {
-    let linearize = |poses: &Poses| {
-        let systems: Vec<System> = poses.cams.iter().enumerate().map(|(i, cam)| objective(i, cam)).collect();
-        let deviations = poses.deviations(constraints);
-        let loss =
-            systems.iter().map(|s| s.loss).sum::<f64>() + deviations.iter().map(|p| p.loss).sum::<f64>();
-        Linearized { systems, deviations, loss }
-    };
-    let step = |poses: &Poses, here: &Linearized, damping| {
-        let step = damped_step(constraints, here, damping)?;
+    let linearize = |poses: &Poses| Linearized::new(poses, constraints, &objective);
+    let step = |poses: &Poses, here: &Linearized<POSE>, damping| {
+        let step = here.damped_step(constraints, damping)?;
         Some((poses.moved(constraints, &step), step.promised))
     };
     let convergence = Convergence { steps, min_gain };
     let found = levenberg_marquardt(start.clone(), convergence, linearize, |here| here.loss, step);
     found.at.reorthonormalized(constraints)
-}
-
-fn damped_step(constraints: &[OdometryConstraint], here: &Linearized, damping: f64) -> Option<Step> {
-    let damped = |mut h: Matrix6<f64>| {
-        for k in 0..6 {
-            h[(k, k)] += damping * h[(k, k)].max(1e-12);
-        }
-        h
-    };
-    let (mut hessian, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
-    let mut eliminated = Vec::with_capacity(constraints.len());
-    for ((constraint, system), deviation) in constraints.iter().zip(&here.systems).zip(&here.deviations) {
-        if constraint.is_rigid() {
-            hessian += constraint.over_rig(&system.hessian);
-            gradient += constraint.gradient_over_rig(&system.gradient);
-            eliminated.push(None);
-            continue;
-        }
-        let w = Matrix6::from_diagonal(&deviation.precision);
-        let strain = deviation.precision.component_mul(&deviation.step);
-        let own = (damped(system.hessian) + w).cholesky()?;
-        let alone = own.solve(&-(system.gradient + strain));
-        hessian += constraint.over_rig(&(w - w * own.solve(&w)));
-        gradient -= constraint.gradient_over_rig(&(strain + w * alone));
-        eliminated.push(Some((own, alone)));
-    }
-    let rig = damped(hessian).cholesky()?.solve(&-gradient);
-    let mut slope = 0.0;
-    let mut cams = Vec::with_capacity(constraints.len());
-    for (((constraint, system), deviation), eliminated) in
-        constraints.iter().zip(&here.systems).zip(&here.deviations).zip(&eliminated)
-    {
-        let carried = constraint.carried(&rig);
-        let cam = match eliminated {
-            None => carried,
-            Some((own, alone)) => {
-                let strain = deviation.precision.component_mul(&deviation.step);
-                let cam = alone + own.solve(&deviation.precision.component_mul(&carried));
-                slope += strain.dot(&(cam - carried));
-                cam
-            }
-        };
-        slope += system.gradient.dot(&cam);
-        cams.push(cam);
-    }
-    let finite = rig.iter().chain(cams.iter().flat_map(Vector6::iter)).all(|s| s.is_finite());
-    finite.then_some(Step { rig, cams, promised: -0.5 * slope })
 }
 
 #[cfg(test)]

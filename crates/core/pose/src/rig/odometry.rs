@@ -1,8 +1,10 @@
 //! The odometry of a frame: its measured pose on the rig, and the uncertainty of it.
 
 use veiloc_geometry::frames::{Camera, Rig};
-use veiloc_geometry::nalgebra::{Matrix6, Vector6};
+use veiloc_geometry::nalgebra::{Matrix6, SMatrix, Vector3, Vector6};
 use veiloc_geometry::{CameraFromRig, CameraFromWorld, RigFromWorld, Rigid3};
+
+use crate::likelihood::{Symmetric6, infinite, propagated};
 
 /// Smaller standard deviations, in radians and relative to the scene's size, are replaced by this where the other one
 /// is not 0: below it the normal equations lose the information of the matches.
@@ -60,6 +62,29 @@ impl OdometryConstraint {
         Self { cam_from_rig, rig_from_cam: cam_from_rig.inverse(), adjoint, precision }
     }
 
+    /// The same constraint without deviation.
+    pub(super) fn rigid(&self) -> Self {
+        Self { precision: None, ..self.clone() }
+    }
+
+    /// Covariance of the rig's pose from that of the camera, of a frame that cannot deviate.
+    pub(super) fn covariance_of_rig(&self, of_camera: &Symmetric6) -> Symmetric6 {
+        let of_camera = Matrix6::from_fn(|i, j| of_camera[i][j]);
+        let adjoint = self.adjoint.try_inverse().and_then(|inverse| propagated(&inverse, &of_camera));
+        adjoint.unwrap_or_else(infinite)
+    }
+
+    /// The inverse; infinite when a direction is free.
+    pub(super) fn covariance_of_camera(&self, of_rig: &Symmetric6) -> Symmetric6 {
+        let of_rig = Matrix6::from_fn(|i, j| of_rig[i][j]);
+        propagated(&self.adjoint, &of_rig).unwrap_or_else(infinite)
+    }
+
+    /// A direction of translation of the camera, by the axes of the rig.
+    pub(super) fn direction_of_rig(&self, of_camera: &Vector3<f64>) -> Vector3<f64> {
+        self.cam_from_rig.rotation().inverse() * of_camera
+    }
+
     /// Whether the frame cannot deviate.
     pub(super) const fn is_rigid(&self) -> bool {
         self.precision.is_none()
@@ -102,6 +127,18 @@ impl OdometryConstraint {
     /// The step of the camera that results from a step of the rig.
     pub(super) fn carried(&self, of_rig: &Vector6<f64>) -> Vector6<f64> {
         self.adjoint * of_rig
+    }
+
+    /// `W A` for a matrix `W` over steps of the camera.
+    pub(super) fn carried_by(&self, of_camera: &Matrix6<f64>) -> Matrix6<f64> {
+        of_camera * self.adjoint
+    }
+
+    /// Maps steps of the rig and of the parameters of the camera to those of the camera's pose and these parameters.
+    pub(super) fn with_camera<const N: usize>(&self) -> SMatrix<f64, N, N> {
+        let mut all = SMatrix::<f64, N, N>::identity();
+        all.fixed_view_mut::<6, 6>(0, 0).copy_from(&self.adjoint);
+        all
     }
 
     /// A camera's information about the rig, with the camera's own deviation marginalised out.
@@ -153,7 +190,7 @@ impl OdometryConstraint {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+    use veiloc_geometry::nalgebra::Rotation3;
 
     fn constraint(rotation_sd: f64, translation_sd: f64) -> OdometryConstraint {
         let turn = Rotation3::from_euler_angles(0.3, -0.8, 1.2);

@@ -1,4 +1,4 @@
-//! Final refinement of a rig: all poses together, each frame at the noise that its own matches show.
+//! Final refinement: all poses together, each frame at the noise that its own matches show.
 
 use veiloc_geometry::CameraFromWorld;
 
@@ -7,14 +7,29 @@ use super::joint::{Poses, descend};
 use super::odometry::OdometryConstraint;
 use crate::likelihood::{Loss, System, linearize};
 use crate::options::PoseOptions;
-use crate::ransac::search::{FINAL_GAIN, FINAL_STEPS, NOISE_RANGE, POLISH_ROUNDS, ROUND_STEPS};
+
+/// Rounds of refinement and noise estimation.
+const ROUNDS: usize = 12;
+
+/// Steps of one round.
+const ROUND_STEPS: usize = 3;
+
+/// Allowed range of the noise, in multiples of the assumed one.
+const NOISE_RANGE: [f64; 2] = [0.05, 1.5];
+
+/// Steps of the last refinement, in double precision.
+const FINAL_STEPS: usize = 25;
+
+/// A step of the last refinement that gains less than this share ends it.
+const FINAL_GAIN: f64 = 1e-9;
 
 /// Pseudo-count of matches with the rig's common noise that is added to each frame: a few agreeing matches do not
 /// determine their noise.
 const COMMON_NOISE_MATCHES: f64 = 20.0;
 
 /// Poses after the final refinement.
-pub(super) struct PolishedRig {
+#[derive(Clone)]
+pub(super) struct Polished {
     pub(super) poses: Poses,
     /// Scale of the noise that each frame's inliers show, pixels, `[F]`.
     pub(super) noise: Vec<f64>,
@@ -29,7 +44,7 @@ pub(super) fn polish(
     constraints: &[OdometryConstraint],
     start: &Poses,
     options: &PoseOptions,
-) -> PolishedRig {
+) -> Polished {
     polish_with_priors(true, frames, constraints, start, options)
 }
 
@@ -40,17 +55,16 @@ pub(super) fn polish_with_priors(
     constraints: &[OdometryConstraint],
     start: &Poses,
     options: &PoseOptions,
-) -> PolishedRig {
-    let kernel = |i: usize| frames[i].search.kernel();
+) -> Polished {
+    let kernel = |i: usize| frames[i].kernel();
     let with_prior_terms = |i: usize, cam: &CameraFromWorld, system: System| {
         if known { frames[i].with_prior_terms(cam, system) } else { system }
     };
-    let loss =
-        |i: usize, cam: &CameraFromWorld| if known { frames[i].search.priors().loss(cam) } else { 0.0 };
+    let loss = |i: usize, cam: &CameraFromWorld| if known { frames[i].priors().loss(cam) } else { 0.0 };
     let assumed = options.noise_px;
     let mut poses = start.clone();
     let mut noise = vec![assumed; frames.len()];
-    for _ in 0..POLISH_ROUNDS {
+    for _ in 0..ROUNDS {
         let objective =
             |i: usize, cam: &CameraFromWorld| with_prior_terms(i, cam, kernel(i).linearize(cam, noise[i]).0);
         poses = descend(constraints, objective, &poses, ROUND_STEPS, 1e-7);
@@ -65,10 +79,10 @@ pub(super) fn polish_with_priors(
         }
     }
     let active: Vec<Vec<usize>> =
-        (0..frames.len()).map(|i| frames[i].search.possible(&poses.cams[i], noise[i])).collect();
+        (0..frames.len()).map(|i| frames[i].possible(&poses.cams[i], noise[i])).collect();
     let objective = |i: usize, cam: &CameraFromWorld| {
         let likelihood = Loss::Likelihood { noise: noise[i] };
-        with_prior_terms(i, cam, linearize(frames[i].search.matches(), &active[i], likelihood, cam))
+        with_prior_terms(i, cam, linearize(frames[i].matches(), &active[i], likelihood, cam))
     };
     poses = descend(constraints, objective, &poses, FINAL_STEPS, FINAL_GAIN);
     let cost = |poses: &Poses| {
@@ -79,17 +93,21 @@ pub(super) fn polish_with_priors(
         poses.odometry_loss(constraints) + (0..frames.len()).map(of).sum::<f64>()
     };
     let accepted = cost(&poses) <= cost(start);
-    PolishedRig { poses: if accepted { poses } else { start.clone() }, noise, accepted }
+    Polished { poses: if accepted { poses } else { start.clone() }, noise, accepted }
 }
 
 /// The noise that each frame's matches show, shrunk towards the common noise of all.
 fn shown(frames: &[Frame<'_>], poses: &Poses, noise: &[f64], assumed: f64) -> Vec<f64> {
+    let range = [NOISE_RANGE[0] * assumed, NOISE_RANGE[1] * assumed];
+    if let ([frame], [cam], [noise]) = (frames, poses.cams.as_slice(), noise) {
+        return vec![frame.kernel().linearize(cam, *noise).1.clamp(range[0], range[1])];
+    }
     let own: Vec<(f64, f64)> = frames
         .iter()
         .zip(&poses.cams)
         .zip(noise)
         .map(|((frame, cam), noise)| {
-            let kernel = frame.search.kernel();
+            let kernel = frame.kernel();
             let agreeing: f64 =
                 kernel.likelihoods(cam, *noise).into_iter().map(|llr| 1.0 / (1.0 + (-llr).exp())).sum();
             (kernel.linearize(cam, *noise).1.powi(2), agreeing)
@@ -103,7 +121,7 @@ fn shown(frames: &[Frame<'_>], poses: &Poses, noise: &[f64], assumed: f64) -> Ve
         } else {
             *variance
         };
-        variance.sqrt().clamp(NOISE_RANGE[0] * assumed, NOISE_RANGE[1] * assumed)
+        variance.sqrt().clamp(range[0], range[1])
     };
     own.iter().map(of).collect()
 }

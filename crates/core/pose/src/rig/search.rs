@@ -1,7 +1,6 @@
-//! The search for a rig: hypotheses from each frame, transferred to the rig by its odometry, scored on all frames.
+//! The search: hypotheses from each frame, transferred to the rig by its odometry, scored on all frames.
 
 use rand::Rng;
-use veiloc_geometry::deviations::position_sd;
 use veiloc_geometry::{CameraFromWorld, RigFromWorld};
 
 use super::frame::Frame;
@@ -9,22 +8,30 @@ use super::joint::{Poses, descend};
 use super::odometry::OdometryConstraint;
 use super::polish::polish_with_priors;
 use crate::ambiguity::margin;
-use crate::likelihood::Symmetric6;
+use crate::likelihood::{CameraChange, PosePriors, PoseProblem, Symmetric6};
 use crate::options::PoseOptions;
-use crate::ransac::Estimator;
-use crate::ransac::Stop;
 use crate::ransac::sampler::WeightedSampler;
-use crate::ransac::search::{COARSE_GAIN, LADDER, LADDER_STEPS};
+use crate::ransac::{Budget, Estimator, RansacResult, Stop, lo_ransac};
+
+/// Shrinking scales of local optimisation, in multiples of the final one.
+const LADDER: [f64; 3] = [4.0, 2.0, 1.0];
+
+/// Steps at each scale.
+const LADDER_STEPS: usize = 4;
+
+/// A step of local optimisation that gains less than this share ends it.
+const COARSE_GAIN: f64 = 1e-4;
 
 /// Gain of a frame above which further gain is saturated, natural logarithm: several agreeing frames outvote one that
-/// contradicts them, regardless of its number of matches. A pose with this gain in one frame is hardly chance.
+/// contradicts them, regardless of its number of matches. A pose with this gain in one frame is hardly chance. The gain of
+/// a single frame is not saturated.
 const SATURATION_GAIN: f64 = 100.0;
 
 /// Share of the samples that is distributed evenly over all frames.
 const UNIFORM_SHARE: f64 = 0.2;
 
 /// All frames of a rig, prepared for the search.
-pub(super) struct RigSearch<'a> {
+pub(super) struct Search<'a> {
     /// `[F]`, those with correspondences.
     pub(super) frames: Vec<Frame<'a>>,
     /// `[F]`
@@ -41,22 +48,12 @@ pub(super) struct RigSearch<'a> {
     stop: Stop,
 }
 
-/// The saturated gain of a frame.
-fn saturated(gain: f64) -> f64 {
-    SATURATION_GAIN * (gain.max(0.0) / SATURATION_GAIN).ln_1p()
-}
-
-/// The gain with this saturated value.
-fn inverse_saturated(saturated: f64) -> f64 {
-    SATURATION_GAIN * (saturated / SATURATION_GAIN).exp_m1()
-}
-
-impl<'a> RigSearch<'a> {
+impl<'a> Search<'a> {
     /// `None` when no frame can be drawn from.
     pub(super) fn new(
         frames: Vec<Frame<'a>>,
         constraints: Vec<OdometryConstraint>,
-        noise: f64,
+        options: &PoseOptions,
     ) -> Option<Self> {
         let drawn = frames.iter().filter(|f| f.promise > 0.0).count() as f64;
         let total: f64 = frames.iter().map(|f| f.promise).sum();
@@ -75,60 +72,93 @@ impl<'a> RigSearch<'a> {
         let draws = WeightedSampler::new(drawable);
         let mut order: Vec<usize> = (0..frames.len()).collect();
         order.sort_by(|&i, &j| frames[j].promise.total_cmp(&frames[i].promise));
-        let mut rest = 0.0;
-        let mut order: Vec<(usize, f64)> = order
-            .into_iter()
-            .rev()
-            .map(|i| {
-                let after = rest;
-                rest += saturated(frames[i].most);
-                (i, after)
-            })
-            .collect();
-        order.reverse();
-        Some(Self {
+        let mut search = Self {
             frames,
             constraints,
-            noise,
+            noise: options.noise_px,
             draws,
             chances,
-            order,
+            order: Vec::new(),
             optima: Vec::new(),
             models: Vec::new(),
-            stop: Stop::default(),
-        })
+            stop: options.stop.clone(),
+        };
+        let mut rest = 0.0;
+        for i in order.into_iter().rev() {
+            search.order.push((i, rest));
+            rest += search.saturated(search.frames[i].most);
+        }
+        search.order.reverse();
+        Some(search)
     }
 
-    /// This search with a stop flag.
-    pub(super) fn with_stop(mut self, stop: &Stop) -> Self {
-        self.stop = stop.clone();
-        self
-    }
-
-    /// Sets the focal length of these frames for refinement, relative to the given one.
-    pub(super) fn set_focal(&mut self, frames: &[usize], factor: f64) {
-        for &i in frames {
-            self.frames[i].set_focal(factor);
+    /// The saturated gain of a frame.
+    fn saturated(&self, gain: f64) -> f64 {
+        if self.frames.len() == 1 {
+            gain
+        } else {
+            SATURATION_GAIN * (gain.max(0.0) / SATURATION_GAIN).ln_1p()
         }
     }
 
-    /// Largest distance of a frame from the position given for it, in standard deviations; `None` without one.
-    pub(super) fn position_deviation(
-        &self,
-        cams: &[CameraFromWorld],
-        covariance: &Symmetric6,
-    ) -> Option<f64> {
-        let sd = position_sd(covariance);
-        let of =
-            |(frame, cam): (&Frame<'_>, &CameraFromWorld)| frame.search.priors().position_deviation(cam, sd);
-        self.frames.iter().zip(cams).filter_map(of).reduce(f64::max)
+    /// The gain with this saturated value.
+    fn inverse_saturated(&self, saturated: f64) -> f64 {
+        if self.frames.len() == 1 {
+            saturated
+        } else {
+            SATURATION_GAIN * (saturated / SATURATION_GAIN).exp_m1()
+        }
+    }
+
+    /// Searches with the camera priors, and then without them: a wrong prior would hide the pose, or other poses that the
+    /// matches explain as well. The search keeps the priors.
+    pub(super) fn run<R: Rng + ?Sized>(
+        &mut self,
+        mut budget: Budget,
+        options: &PoseOptions,
+        rng: &mut R,
+    ) -> RansacResult<Poses> {
+        self.use_all_priors(options);
+        if self.frames.iter().all(|frame| frame.priors().is_empty()) {
+            return lo_ransac(self, &budget, rng);
+        }
+        if options.fixed_hypotheses.is_some() {
+            budget = Budget::fixed(budget.max.div_ceil(2));
+        }
+        let mut found = lo_ransac(self, &budget, rng);
+        self.use_priors(options, |_| PosePriors::default());
+        let alone = lo_ransac(self, &budget, rng);
+        self.use_all_priors(options);
+        let cost = alone.model.as_ref().map_or(f64::INFINITY, |at| alone.cost + self.prior_loss(&at.cams));
+        if cost < found.cost {
+            (found.model, found.cost) = (alone.model, cost);
+        }
+        found.samples += alone.samples;
+        found
+    }
+
+    /// Uses all camera priors of the frames.
+    pub(super) fn use_all_priors(&mut self, options: &PoseOptions) {
+        self.use_priors(options, PosePriors::of);
+    }
+
+    fn use_priors(&mut self, options: &PoseOptions, of: impl Fn(&PoseProblem) -> PosePriors) {
+        for frame in &mut self.frames {
+            frame.use_priors(of(frame.problem), options);
+        }
+    }
+
+    /// Sets the camera of these frames for refinement, relative to the given one.
+    pub(super) fn set_camera(&mut self, frames: &[usize], change: &CameraChange) {
+        for &i in frames {
+            self.frames[i].set_camera(change);
+        }
     }
 
     /// Minus the log likelihood of the poses against "all matches are wrong", after the search, without saturation of
     /// the frames' gains.
     pub(super) fn raw_cost(&self, poses: &Poses) -> f64 {
-        let of =
-            |(frame, cam): (&Frame<'_>, &CameraFromWorld)| frame.search.kernel().cost_at(cam, self.noise);
+        let of = |(frame, cam): (&Frame<'_>, &CameraFromWorld)| frame.kernel().cost_at(cam, self.noise);
         let matches: f64 = self.frames.iter().zip(&poses.cams).map(of).sum();
         poses.odometry_loss(&self.constraints) + self.prior_loss(&poses.cams) + matches
     }
@@ -140,7 +170,7 @@ impl<'a> RigSearch<'a> {
             let objective = |i: usize, cam: &CameraFromWorld| {
                 let frame = &self.frames[i];
                 let noise = self.ladder_noise(frame, factor);
-                frame.with_prior_terms(cam, frame.search.kernel().linearize_coarsely(cam, noise))
+                frame.with_prior_terms(cam, frame.kernel().linearize_coarsely(cam, noise))
             };
             poses = descend(&self.constraints, objective, &poses, LADDER_STEPS, COARSE_GAIN);
         }
@@ -149,18 +179,17 @@ impl<'a> RigSearch<'a> {
 
     /// Loss of the poses under the camera priors.
     pub(super) fn prior_loss(&self, cams: &[CameraFromWorld]) -> f64 {
-        self.frames.iter().zip(cams).map(|(frame, cam)| frame.search.priors().loss(cam)).sum()
+        self.frames.iter().zip(cams).map(|(frame, cam)| frame.priors().loss(cam)).sum()
     }
 
-    /// Odometry loss plus prior loss minus the gain of all frames.
-    fn joint_cost(&self, poses: &Poses, gain: impl Fn(&Frame<'_>, &CameraFromWorld) -> f64) -> f64 {
-        let gains = self.frames.iter().zip(&poses.cams).map(|(frame, cam)| saturated(gain(frame, cam)));
-        poses.odometry_loss(&self.constraints) + self.prior_loss(&poses.cams) - gains.sum::<f64>()
-    }
-
-    /// The joint cost after the search.
+    /// The joint cost after a descent, lower is better: odometry loss plus prior loss minus the saturated gains.
     pub(super) fn settled_cost(&self, poses: &Poses) -> f64 {
-        self.joint_cost(poses, |frame, cam| -frame.search.kernel().cost_at(cam, self.noise))
+        self.cost_of(poses, |frame, cam| -frame.kernel().cost_at(cam, self.noise))
+    }
+
+    fn cost_of(&self, poses: &Poses, gain: impl Fn(&Frame<'_>, &CameraFromWorld) -> f64) -> f64 {
+        let gains = self.frames.iter().zip(&poses.cams).map(|(frame, cam)| self.saturated(gain(frame, cam)));
+        poses.odometry_loss(&self.constraints) + self.prior_loss(&poses.cams) - gains.sum::<f64>()
     }
 
     /// The margin of the poses over the best other optimum; infinite when there is none. Only after the search. Optima
@@ -187,7 +216,7 @@ impl<'a> RigSearch<'a> {
     }
 }
 
-impl Estimator for RigSearch<'_> {
+impl Estimator for Search<'_> {
     type Model = Poses;
 
     fn is_stopped(&self) -> bool {
@@ -203,7 +232,7 @@ impl Estimator for RigSearch<'_> {
         };
         let Some(frame) = frame else { return };
         self.models.clear();
-        self.frames[frame].search.hypothesize(rng, &mut self.models);
+        self.frames[frame].hypothesize(rng, &mut self.models);
         models.extend(
             self.models.iter().map(|cam| Poses::rigid(&self.constraints, self.constraints[frame].rig(cam))),
         );
@@ -212,8 +241,8 @@ impl Estimator for RigSearch<'_> {
     fn cost(&self, model: &Poses, best: f64) -> f64 {
         let mut sum = -self.prior_loss(&model.cams);
         for &(i, rest) in &self.order {
-            let least = inverse_saturated((-best - sum - rest).max(0.0));
-            sum += saturated(self.frames[i].rigid_gain(&model.cams[i], least));
+            let least = self.inverse_saturated((-best - sum - rest).max(0.0));
+            sum += self.saturated(self.frames[i].rigid_gain(&model.cams[i], least));
             if sum + rest < -best {
                 return f64::INFINITY;
             }
@@ -223,17 +252,20 @@ impl Estimator for RigSearch<'_> {
 
     fn hit_probability(&self, model: &Poses) -> f64 {
         let of = |((frame, cam), chance): ((&Frame<'_>, &CameraFromWorld), &f64)| {
-            if *chance > 0.0 { chance * frame.search.hit_probability(cam) } else { 0.0 }
+            if *chance > 0.0 { chance * frame.hit_probability(cam) } else { 0.0 }
         };
         self.frames.iter().zip(&model.cams).zip(&self.chances).map(of).sum()
     }
 
     fn optimize<R: Rng + ?Sized>(&mut self, model: &Poses, _cost: f64, _rng: &mut R) -> (Poses, f64) {
         let poses = self.descend(model);
-        let cost = |poses: &Poses| self.joint_cost(poses, |frame, cam| frame.gain_as_seen(cam, self.noise));
-        let (before, after) = (cost(model), cost(&poses));
-        let best = if after < before { (poses, after) } else { (model.clone(), before) };
-        self.optima.push((best.0.rig, best.1 - self.prior_loss(&best.0.cams)));
-        best
+        let is_better = self.settled_cost(&poses) < self.settled_cost(model);
+        let best = if is_better { poses } else { model.clone() };
+        let gain = |frame: &Frame<'_>, cam: &CameraFromWorld| {
+            -frame.kernel().cost_at(cam, self.noise) - frame.unseen_gain(cam, self.noise)
+        };
+        let cost = self.cost_of(&best, gain);
+        self.optima.push((best.rig, cost - self.prior_loss(&best.cams)));
+        (best, cost)
     }
 }

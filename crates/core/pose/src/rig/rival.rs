@@ -14,15 +14,18 @@
 use std::collections::HashSet;
 
 use rand::Rng;
-use veiloc_geometry::{CameraFromWorld, Pinhole};
+use veiloc_geometry::{CameraFromWorld, Pinhole, RigFromWorld};
 
+use super::estimate::RigEstimate;
+use super::frame::RigFrame;
+use super::images::Images;
+use super::joint::Poses;
+use super::search::Search;
 use crate::confidence::MIN_RIVAL_SHARE;
 use crate::copies::spread;
-use crate::estimate::{conclude, search};
-use crate::likelihood::{FocalPrior, Matches, PoseProblem, PoseWithFocal};
+use crate::likelihood::{FocalPrior, Matches, PoseProblem};
 use crate::options::PoseOptions;
-use crate::pose_estimate::{PoseEstimate, Rival};
-use crate::ransac::{Budget, lo_ransac};
+use crate::ransac::Budget;
 
 /// A match within this multiple of the noise of the best pose belongs to that pose: a rival explains others.
 const NEAR: f64 = 4.0;
@@ -33,17 +36,17 @@ const FOUND: f64 = 0.99;
 /// Least and largest number of samples, of a frame.
 const SAMPLES: [usize; 2] = [20, 400];
 
-/// The matches that a pose does not explain.
-pub(crate) struct OtherMatches {
+/// The matches of a frame that a pose does not explain.
+struct OtherMatches {
     /// Their indices, ascending.
-    pub(crate) indices: Vec<usize>,
+    indices: Vec<usize>,
     /// Weight of the matches that agree with the pose, and of the others.
-    pub(crate) weights: [Weight; 2],
+    weights: [Weight; 2],
 }
 
 /// Weight of a set of matches.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Weight {
+struct Weight {
     /// Sum of the priors: samples are drawn in proportion to it.
     drawn: f64,
     /// Sum of their squares: the expected weight of right matches, to which many improbable ones hardly contribute.
@@ -72,7 +75,7 @@ impl std::ops::Add for Weight {
 impl OtherMatches {
     /// The matches that do not agree with a pose, without those that are near to what it predicts, and few of many
     /// on one spot. `camera` is that of the pose.
-    pub(crate) fn of(
+    fn of(
         matches: &Matches<'_>,
         problem: &PoseProblem,
         inliers: &[bool],
@@ -96,12 +99,12 @@ impl OtherMatches {
 }
 
 /// Whether the other matches have enough weight for a rival, relative to those that agree with the pose.
-pub(crate) fn has_weight([own, others]: [Weight; 2]) -> bool {
+fn has_weight([own, others]: [Weight; 2]) -> bool {
     others.expected >= MIN_RIVAL_SHARE * own.expected
 }
 
 /// Number of samples that find a rival of the smallest weight that counts, with this number of matches in a sample.
-pub(crate) fn budget([own, others]: [Weight; 2], sample_size: usize) -> Budget {
+fn budget([own, others]: [Weight; 2], sample_size: usize) -> Budget {
     let share = (MIN_RIVAL_SHARE * own.drawn / others.drawn).min(1.0);
     let hit = share.powi(sample_size as i32);
     let [min, max] = SAMPLES;
@@ -111,39 +114,52 @@ pub(crate) fn budget([own, others]: [Weight; 2], sample_size: usize) -> Budget {
 
 /// The problem of these matches alone, for the camera of a pose. A camera prior may have chosen that pose, so it must not
 /// hide another one.
-pub(crate) fn problem_of(problem: &PoseProblem, indices: &[usize], camera: Pinhole) -> PoseProblem {
+fn problem_of(problem: &PoseProblem, indices: &[usize], camera: Pinhole) -> PoseProblem {
     let mut rest = problem.subset(indices);
     (rest.camera, rest.gravity, rest.position, rest.focal) = (camera, None, None, FocalPrior::Calibrated);
     rest
 }
 
-/// The best pose from the matches that do not agree with an estimate, and its evidence from them; `None` if they have too
-/// little weight, or support no pose.
-pub(crate) fn find_rival<R: Rng + ?Sized>(
-    matches: &Matches<'_>,
-    problem: &PoseProblem,
-    estimate: &PoseEstimate,
+/// The best pose from the matches that do not agree with an estimate, of all frames together, and its log evidence from
+/// them; `None` if they have too little weight, or support no pose.
+pub(super) fn find_rival<R: Rng + ?Sized>(
+    images: &Images<'_>,
+    estimate: &RigEstimate,
     options: &PoseOptions,
     rng: &mut R,
-) -> Option<Rival> {
-    let camera = estimate.camera_of(&problem.camera);
-    let pose = &estimate.cam_from_world;
-    let others = OtherMatches::of(matches, problem, &estimate.inliers, pose, camera, options.noise_px);
-    if !has_weight(others.weights) || others.indices.len() < options.min_inliers {
+) -> Option<(RigFromWorld, f64)> {
+    let mut weights = [Weight::default(); 2];
+    let mut rest: Vec<RigFrame> = Vec::new();
+    for (f, matches) in images.with_matches() {
+        let (frame, found) = (&images.frames[f], &estimate.frames[f]);
+        let (camera, pose) = (found.camera_of(&frame.problem.camera), &found.cam_from_world);
+        let others =
+            OtherMatches::of(matches, &frame.problem, &found.inliers, pose, camera, options.noise_px);
+        let [own, other] = others.weights;
+        // A frame that contradicts the others supports a pose of its own; the others outvote it.
+        if images.frames.len() > 1 && !has_weight([other, own]) {
+            continue;
+        }
+        weights = [0, 1].map(|k| weights[k] + others.weights[k]);
+        rest.push(RigFrame { problem: problem_of(&frame.problem, &others.indices, camera), ..frame.clone() });
+    }
+    rest.retain(|frame| !frame.problem.points.is_empty());
+    let count: usize = rest.iter().map(|frame| frame.problem.points.len()).sum();
+    if !has_weight(weights) || count < options.min_inliers {
         return None;
     }
-    let rest = problem_of(problem, &others.indices, camera);
-    rest.check().ok()?;
-    let matches = Matches::new(&rest, options.expected_inlier_ratio);
-    let mut search = search(&matches, &rest, options);
-    let found = lo_ransac(&mut search, &budget(others.weights, rest.observations.sample_size()), rng);
+    let sample_size = rest.first()?.problem.observations.sample_size();
+    let budget = budget(weights, sample_size);
+    let options = PoseOptions {
+        min_hypotheses: budget.min,
+        max_hypotheses: budget.max,
+        confidence: budget.confidence,
+        ..options.clone()
+    };
     // The evidence is below the gain, so most poses need no refinement.
     let least = estimate.confidence.min_rival_log_evidence();
-    if !(-found.cost >= least) {
-        return None;
-    }
-    let start = found.model.map(|pose| PoseWithFocal { pose, factor: 1.0 });
-    let rival = conclude(search, &matches, start, found.samples, &rest, options).ok()?;
-    let log_evidence = estimate.confidence.rival(&rival.confidence)?;
-    Some(Rival { cam_from_world: rival.cam_from_world, log_evidence })
+    let others = Images::new(&rest, &options).ok()?;
+    let has_gain = &mut |(search, poses): (&Search<'_>, &Poses), _| -search.raw_cost(poses) >= least;
+    let rival = others.search_at(1.0, &options, 1, has_gain, rng).ok()?;
+    Some((rival.rig_from_world, estimate.confidence.rival(&rival.confidence)?))
 }
