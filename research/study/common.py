@@ -154,6 +154,16 @@ class Run(argparse.Namespace):
         file.write_text("".join(f"{line}\n" for line in lines))
         return file
 
+    def estimators(self, names: str, **changes) -> str:
+        """A value of `--estimator`: these estimators with changes, one file each."""
+        files = []
+        for name in names.split(","):
+            file = self.kept() / "-".join(["estimator", name, *(f"{key}-{value}" for key, value in changes.items())])
+            lines = [f"{key.replace('_', '-')} = {json.dumps(value)}\n" for key, value in changes.items()]
+            files.append(file.with_name(f"{file.name}.toml"))
+            files[-1].write_text(f'name = "{name}"\nbase = "{name}"\n{"".join(lines)}')
+        return ",".join(map(str, files))
+
     def map(self, name: str) -> Path:
         """The map of a scene, with its self-test."""
         options = self.scene(name)

@@ -41,11 +41,8 @@ def queries(document: dict) -> pd.DataFrame:
     """Queries with a known pose, one a line; `translation` (map units) and `rotation` (degrees) are infinite without a pose."""
 
     def row(query: dict) -> str:
-        estimator = [query["recipe"]] if query.get("recipe") else [
-            query["score"], *(["no prior"] if not query["prior"] else []),
-            *([f"{query['fixed_hypotheses']} hypotheses"] if query.get("fixed_hypotheses") else [])]  # fmt: skip
         gravity = f"gravity {query['gravity']}" if query.get("gravity") else None
-        return ", ".join(x for x in [query["scheme"], *estimator, gravity, query.get("scene"), query.get("condition")] if x)
+        return ", ".join(x for x in [query["scheme"], query["recipe"], gravity, query.get("scene"), query.get("condition")] if x)
 
     def error(query: dict, field: str) -> float:
         return np.inf if query[field] is None else query[field]

@@ -51,8 +51,9 @@ def schemes(run):
 @command("poses/collapse.csv")
 def collapse(run):
     """The paper's score beside the likelihood, with the same hypotheses."""
-    found = run.document("eval", "scene", *run.scene("redkitchen"), "--schemes", "dcl:paper", "--scores", "msac,likelihood",
-                         "--hypotheses", 1000, "--no-prior", "--thresholds", "0.05/5")  # fmt: skip
+    found = run.document("eval", "scene", *run.scene("redkitchen"), "--schemes", "dcl:paper", "--estimator",
+                         f"{run.estimators('paper', hypotheses=1000)},{run.estimators('default', hypotheses=1000, prior=False)}",
+                         "--thresholds", "0.05/5")  # fmt: skip
     table = run.table("poses/collapse.csv", "score", "hypotheses", "queries", "localized", "median error (cm)", "median error (°)",
                       "within 5 cm and 5° (%)", "inliers (%)")  # fmt: skip
     for row in found["schemes"]:
@@ -68,9 +69,9 @@ def recipes(run):
     for problem in ("redkitchen_nn", "redkitchen_r08", "herzjesu_nn", "herzjesu_r08"):
         threshold = "0.05/5" if problem.startswith("redkitchen") else "0.1/1"
         common = ["eval", "pose", run.place(f"problems/{problem}.jsonl.gz"), "--seeds", 5, "--thresholds", threshold, "--schemes",
-                  ",".join(LINES), "--recipes"]  # fmt: skip
-        searched = run.document(*common, "paper,likelihood,likelihood+prior,vote", "--hypotheses", 1000)["schemes"]
-        oracles = run.document(*common, "optimum", "--oracle", "--hypotheses", "adaptive")["schemes"]
+                  ",".join(LINES), "--estimator"]  # fmt: skip
+        searched = run.document(*common, run.estimators("paper,likelihood,likelihood+prior,vote", hypotheses=1000))["schemes"]
+        oracles = run.document(*common, "optimum,floor")["schemes"]
         by = {(row["recipe"], row["scheme"]): row for row in [*oracles, *searched]}
         for recipe in dict.fromkeys(row["recipe"] for row in [*searched, *oracles]):
             rows = [by[recipe, scheme] for scheme in LINES]
@@ -145,7 +146,7 @@ def time(run):
 
 
 def by_veiloc(program, file, seed):
-    command = [program, "-q", "eval", "pose", file, "--schemes", ",".join(TIMED), "--recipes", "default", "--seed", str(seed), "--json"]
+    command = [program, "-q", "eval", "pose", file, "--schemes", ",".join(TIMED), "--seed", str(seed), "--json"]
     document = json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
     rows = {scheme: [] for scheme in TIMED}
     for query in document["queries"]:

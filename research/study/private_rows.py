@@ -158,7 +158,7 @@ class Place:
         return document["schemes"][0], median_error(document)
 
 
-POSES = ["eval", "pose", "--recipes", "default", "--thresholds", "0.05/5,0.25/2"]
+POSES = ["eval", "pose", "--thresholds", "0.05/5,0.25/2"]
 
 
 def median_error(document):

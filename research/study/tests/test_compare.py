@@ -15,7 +15,7 @@ from study import compare
 def run(scheme: str, errors, seeds: int = 1) -> dict:
     """A run of one row; an infinite error is a query without a pose."""
     finite = lambda x: x if np.isfinite(x) else None
-    queries = [{"name": str(k), "scheme": scheme, "score": "likelihood", "prior": True, "fixed_hypotheses": None, "seed": seed,
+    queries = [{"name": str(k), "scheme": scheme, "recipe": "default", "seed": seed,
                 "rotation_error_deg": finite(10 * e), "translation_error": finite(e), "ms": {"match": 2.0, "pose": 3.0}}
                for k, e in enumerate(errors) for seed in range(seeds)]  # fmt: skip
     recall = {"0.05/5": 1.0, "0.25/2": 1.0}
@@ -66,12 +66,12 @@ def test_seeds_of_a_query_are_resampled_together():
 
 def test_rows_are_paired_by_name_or_option():
     a, b = compare.queries(run("points", [0.01] * 3)), compare.queries(run("dcl", [0.02] * 3))
-    only = [("points, likelihood", "dcl, likelihood")]
-    assert compare.pairs(a, b, None, None) == compare.pairs(a, b, "points", "dcl, likelihood") == only
-    with pytest.raises(SystemExit, match="the first has points, likelihood; the second has dcl, likelihood"):
+    only = [("points, default", "dcl, default")]
+    assert compare.pairs(a, b, None, None) == compare.pairs(a, b, "points", "dcl, default") == only
+    with pytest.raises(SystemExit, match="the first has points, default; the second has dcl, default"):
         compare.pairs(a, b, "dcl", None)
     other = a.assign(name="elsewhere")
-    with pytest.raises(SystemExit, match="points, likelihood: the runs have no query in common"):
+    with pytest.raises(SystemExit, match="points, default: the runs have no query in common"):
         compare.compare(a, other, ["0.05/5"])
 
 

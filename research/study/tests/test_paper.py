@@ -10,7 +10,7 @@ from study import compare, paper
 
 def document(official: bool = True) -> dict:
     """Three queries of two scenes; with `official`, one of the scenes is the complete published one."""
-    queries = [{"name": f"{k}.png", "scene": scene, "scheme": scheme, "score": "likelihood", "prior": True, "fixed_hypotheses": None, "seed": 0,
+    queries = [{"name": f"{k}.png", "scene": scene, "scheme": scheme, "recipe": "default", "seed": 0,
                 "rotation_error_deg": 0.1 * worse if found else None, "translation_error": error * worse if found else None,
                 "sealed_bytes": 0 if not found and scheme == "dcl:paper" else 900, "ms": {"match": 2.0, "pose": 3.0}}
                for scene, errors in [("chess", [0.01, 0.02, 0.03]), ("stairs", [0.01, 0.04, np.inf])]
@@ -80,4 +80,4 @@ def test_published_rows_have_a_cell_for_every_scene():
 
 
 def test_compared_runs_are_named_by_scene():
-    assert compare.queries(document()).row.iloc[0] == "points, likelihood, chess"
+    assert compare.queries(document()).row.iloc[0] == "points, default, chess"

@@ -108,8 +108,8 @@ fn line(
     scene: &SceneEvaluation,
     sealed: &SealedQuery,
 ) -> Result<ProblemLine, EvalError> {
-    let retrieved = retrieve(sealed.global(), map.into(), scene.localize.retrieve);
-    let matches = match_points(sealed.descriptors(), map.into(), &retrieved, &scene.localize.matching);
+    let retrieved = retrieve(sealed.global(), map.into(), scene.localize().retrieve);
+    let matches = match_points(sealed.descriptors(), map.into(), &retrieved, &scene.localize().matching);
     let rows: Vec<usize> = matches.iter().map(|m| m.query).collect();
     let Correspondences::Points { pixels } = observe_matches(&sealed.observations(), &rows).correspondences
     else {

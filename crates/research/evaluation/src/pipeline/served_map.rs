@@ -25,8 +25,6 @@ pub(crate) struct ServedMap<'a> {
 struct Regions {
     index: RegionIndex,
     maps: Vec<MapFile>,
-    /// Number of retrieved images.
-    retrieve: usize,
     summary: RegionsSummary,
     /// Holds the temporary files until it is dropped.
     _folder: TempDir,
@@ -34,17 +32,16 @@ struct Regions {
 
 impl<'a> ServedMap<'a> {
     /// Serves the whole map, or splits it into regions; a query is then localized in the regions that hold most of
-    /// the `retrieve` images that the whole map would retrieve, as a gateway of many machines does ([`search_rounds`]).
+    /// the images that the whole map would retrieve, as a gateway of many machines does ([`search_rounds`]).
     ///
     /// # Errors
     /// [`EvalError`] when the map cannot be split, or regions cannot be written and opened.
     pub(crate) fn new(
         whole: &'a MapFile,
         options: Option<&SplitOptions>,
-        retrieve: usize,
         progress: &dyn Progress,
     ) -> Result<Self, EvalError> {
-        let regions = options.map(|options| Regions::of(whole, options, retrieve, progress)).transpose()?;
+        let regions = options.map(|options| Regions::of(whole, options, progress)).transpose()?;
         Ok(Self { whole, regions })
     }
 
@@ -60,7 +57,7 @@ impl<'a> ServedMap<'a> {
         let (Some(regions), Ok(query)) = (&self.regions, SealedQuery::decode(bytes)) else {
             return decode_and_localize(self.whole, bytes, options);
         };
-        let ranked = regions.index.rank(query.global(), regions.retrieve);
+        let ranked = regions.index.rank(query.global(), options.retrieve);
         let mut best: Option<LocalizeResult> = None;
         for round in
             search_rounds(ranked.into_iter().map(|one| (one.region, one.held)), DEFAULT_SEARCHED_REGIONS)
@@ -90,12 +87,7 @@ fn rank(answer: &LocalizeResult) -> (bool, f64) {
 }
 
 impl Regions {
-    fn of(
-        whole: &MapFile,
-        options: &SplitOptions,
-        retrieve: usize,
-        progress: &dyn Progress,
-    ) -> Result<Self, EvalError> {
+    fn of(whole: &MapFile, options: &SplitOptions, progress: &dyn Progress) -> Result<Self, EvalError> {
         let folder =
             tempfile::tempdir().map_err(|source| EvalError::Io { path: std::env::temp_dir(), source })?;
         let regions = cut(whole, options)?;
@@ -120,7 +112,6 @@ impl Regions {
         Ok(Self {
             index: open.open_index(MapMemory::Mapped)?,
             maps: maps.collect::<Result<_, _>>()?,
-            retrieve,
             summary,
             _folder: folder,
         })

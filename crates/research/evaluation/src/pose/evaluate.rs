@@ -8,11 +8,9 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use crate::EvalError;
+use crate::pose::estimator::{Estimator, TruthStart, common_hypotheses};
 use crate::pose::floor::{ORACLE_RADIUS_PX, true_matches};
 use crate::pose::gravity::{GravitySource, mean_down, simulated_reading};
-use crate::pose::recipe::{Recipe, TruthStart};
-use crate::pose::scores::{DEFAULT_SCORE, scores_or_default};
-use crate::results::Hypotheses;
 use crate::results::metrics::Threshold;
 use crate::results::{EstimatorVariant, EvaluationDocument, QueryResult, QueryUncertainty, summarize};
 use rand::SeedableRng;
@@ -25,7 +23,7 @@ use veiloc_features::Progress;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_localization::{MatchedObservations, observe_matches};
 use veiloc_obfuscation::obfuscate_points;
-use veiloc_pose::{PoseOptions, PoseProblem, ScoreKind, State, estimate_pose, optimize_pose, refine_pose};
+use veiloc_pose::{PoseProblem, State, estimate_pose, optimize_pose, refine_pose};
 use veiloc_protocol::{AngleBits, Observations, Scheme};
 
 /// Inputs and options.
@@ -36,26 +34,17 @@ pub struct PoseEvaluation {
     pub files: Vec<PathBuf>,
     /// Schemes, in the order of the table.
     pub schemes: Vec<Scheme>,
-    /// Recipes, in the order of the table; if empty, [`Self::scores`], [`Self::use_prior`] and the solver of
-    /// [`Self::pose`] are used.
-    pub recipes: Vec<Recipe>,
-    /// Scores, in the order of the table; empty for the default.
-    pub scores: Vec<ScoreKind>,
-    /// Numbers of hypotheses, in the order of the table; not empty.
-    pub hypotheses: Vec<Hypotheses>,
+    /// Estimators, in the order of the table; not empty. Retrieval and matching do not apply.
+    pub estimators: Vec<Estimator>,
     /// Sources of gravity, in the order of the table; not empty.
     pub gravity: Vec<GravitySource>,
-    /// For [`Recipe::Floor`], a match is true when its map point projects within this distance of the keypoint under
+    /// For `floor`, a match is true when its map point projects within this distance of the keypoint under
     /// the true pose, pixels. Default: 4, the paper's inlier threshold for images of this size.
     pub oracle_radius_px: f64,
     /// Thresholds of the recall columns.
     pub thresholds: Vec<Threshold>,
-    /// Robust estimation; options with a list above are replaced by the elements of the list.
-    pub pose: PoseOptions,
     /// Bits of a line's angle.
     pub angle_bits: AngleBits,
-    /// Whether matches are weighted by descriptor ratio, votes and track length.
-    pub use_prior: bool,
     /// First seed of obfuscation and sampling.
     pub seed: u64,
     /// Number of seeds, consecutive; at least one.
@@ -65,20 +54,16 @@ pub struct PoseEvaluation {
 }
 
 impl PoseEvaluation {
-    /// The default engine on these files under these schemes, with one seed.
+    /// The default estimator on these files under these schemes, with one seed.
     pub fn new(files: Vec<PathBuf>, schemes: Vec<Scheme>) -> Self {
         Self {
             files,
             schemes,
-            recipes: Vec::new(),
-            scores: Vec::new(),
-            hypotheses: vec![Hypotheses::Adaptive],
+            estimators: vec![Estimator::default()],
             gravity: vec![GravitySource::File],
             oracle_radius_px: ORACLE_RADIUS_PX,
             thresholds: Vec::new(),
-            pose: PoseOptions::default(),
             angle_bits: AngleBits::default(),
-            use_prior: true,
             seed: 0,
             seeds: 1,
             threads: 1,
@@ -94,13 +79,10 @@ struct Query {
 }
 
 /// One row of the table.
-struct Row {
+struct Row<'a> {
     scheme: Scheme,
-    score: ScoreKind,
-    options: PoseOptions,
+    estimator: &'a Estimator,
     gravity: GravitySource,
-    /// What starts from the true pose instead of a search.
-    from_truth: Option<TruthStart>,
     variant: EstimatorVariant,
 }
 
@@ -121,7 +103,7 @@ pub fn evaluate_poses(
     }
     let rows = rows(evaluation, queries.iter().any(|q| q.problem.gravity.is_some()));
     if rows.is_empty() || evaluation.seeds == 0 {
-        return Err(EvalError::Options("no scheme, hypotheses, gravity or seed to evaluate".to_owned()));
+        return Err(EvalError::Options("no scheme, estimator, gravity or seed to evaluate".to_owned()));
     }
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(evaluation.threads.max(1))
@@ -150,17 +132,13 @@ pub fn evaluate_poses(
         schemes.push(summarize(&of_row, &evaluation.thresholds));
     }
     progress.finish();
-    let only = match evaluation.hypotheses[..] {
-        [only] => only.fixed(),
-        _ => None,
-    };
     Ok(EvaluationDocument {
         version: 1,
         command: "eval pose",
         data: evaluation.files.iter().map(|f| json_lines::display_name(f)).collect(),
         seed: evaluation.seed,
-        prior: evaluation.use_prior,
-        fixed_hypotheses: only,
+        prior: evaluation.estimators.iter().any(|estimator| estimator.localize.use_prior),
+        fixed_hypotheses: common_hypotheses(&evaluation.estimators),
         schemes,
         queries: results,
         negatives: Vec::new(),
@@ -168,61 +146,32 @@ pub fn evaluate_poses(
     })
 }
 
-/// All rows: schemes × recipes × hypotheses × gravity.
-fn rows(evaluation: &PoseEvaluation, file_has_gravity: bool) -> Vec<Row> {
+/// All rows: schemes × estimators × gravity.
+fn rows(evaluation: &PoseEvaluation, file_has_gravity: bool) -> Vec<Row<'_>> {
     let mut rows = Vec::new();
     for &scheme in &evaluation.schemes {
-        let mut ways: Vec<(Option<Recipe>, PoseOptions, bool)> = Vec::new();
-        for &recipe in &evaluation.recipes {
-            ways.push((Some(recipe), recipe.apply(&evaluation.pose), recipe.uses_prior()));
-        }
-        // The floor is an additional row if no other recipe is given.
-        if evaluation.recipes.iter().all(|r| *r == Recipe::Floor) {
-            let scores = scores_or_default(&evaluation.scores).into_iter();
-            let plain = scores.map(|score| {
-                let mut options = evaluation.pose.clone();
-                options.score = Some(score);
-                (None, options, evaluation.use_prior)
-            });
-            ways.splice(0..0, plain);
-        }
-        for (recipe, options, prior) in ways {
-            let from_truth = recipe.and_then(Recipe::start_at_truth);
-            let searches = from_truth.is_none();
-            let score = options.score.unwrap_or(DEFAULT_SCORE);
-            for &hypotheses in &evaluation.hypotheses {
-                for &gravity in &evaluation.gravity {
-                    let mut options = options.clone();
-                    options.fixed_hypotheses = hypotheses.fixed();
-                    let has_gravity = gravity != GravitySource::File || file_has_gravity;
-                    let variant = EstimatorVariant {
-                        recipe: recipe.map(|r| r.to_string()),
-                        prior,
-                        fixed_hypotheses: hypotheses.fixed().filter(|_| searches),
-                        gravity: (has_gravity && searches).then(|| gravity.to_string()),
-                    };
-                    rows.push(Row { scheme, score, options, gravity, from_truth, variant });
-                    // Without a search all numbers of hypotheses give the same row.
-                    if !searches {
-                        break;
-                    }
-                }
-                if !searches {
-                    break;
-                }
+        for estimator in &evaluation.estimators {
+            // Without a search all sources of gravity give the same row.
+            let sources = if estimator.searches() { usize::MAX } else { 1 };
+            for &gravity in evaluation.gravity.iter().take(sources) {
+                let has_gravity = gravity != GravitySource::File || file_has_gravity;
+                let used = (has_gravity && estimator.searches()).then(|| gravity.to_string());
+                let variant = EstimatorVariant { gravity: used, ..estimator.variant() };
+                rows.push(Row { scheme, estimator, gravity, variant });
             }
         }
     }
     rows
 }
 
-fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> QueryResult {
+fn solve(query: &Query, row: &Row<'_>, seed: u64, evaluation: &PoseEvaluation) -> QueryResult {
     let Query { problem, down } = query;
+    let (from_truth, options) = (row.estimator.from_truth, &row.estimator.localize.pose);
     let blank = || {
-        let mut result = QueryResult::unsolved(&problem.name, row.scheme, row.score);
+        let mut result = QueryResult::unsolved(&problem.name, row.scheme, row.estimator.score());
         result.variant = row.variant.clone();
         result.seed = seed;
-        if row.from_truth == Some(TruthStart::Floor) {
+        if from_truth == Some(TruthStart::Floor) {
             "least-squares".clone_into(&mut result.score);
         }
         result
@@ -248,14 +197,14 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
         }
     };
     let truth = &problem.cam_from_world;
-    let right = (row.from_truth == Some(TruthStart::Floor))
+    let right = (from_truth == Some(TruthStart::Floor))
         .then(|| true_matches(&pose_problem, truth, &problem.keypoints, evaluation.oracle_radius_px));
 
     let started = Instant::now();
-    let estimate = match (row.from_truth, &right) {
-        (_, Some(right)) => refine_pose(&pose_problem, truth, right, &row.options),
-        (Some(TruthStart::Optimum), _) => optimize_pose(&pose_problem, truth, &row.options),
-        _ => estimate_pose(&pose_problem, &row.options, &mut rng),
+    let estimate = match (from_truth, &right) {
+        (_, Some(right)) => refine_pose(&pose_problem, truth, right, options),
+        (Some(TruthStart::Optimum), _) => optimize_pose(&pose_problem, truth, options),
+        _ => estimate_pose(&pose_problem, options, &mut rng),
     };
     let pose_ms = started.elapsed().as_secs_f64() * 1e3;
 
@@ -268,7 +217,7 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
             result.inliers = estimate.inlier_count;
             result.hypotheses = estimate.hypotheses;
             // Trust is meaningless for an estimate that starts from the truth.
-            if row.from_truth.is_none() {
+            if from_truth.is_none() {
                 result = result.judged(estimate.confidence.state(), &estimate.confidence);
             }
             let covariance = &estimate.covariance;
@@ -276,7 +225,7 @@ fn solve(query: &Query, row: &Row, seed: u64, evaluation: &PoseEvaluation) -> Qu
         }
         Err(error) => {
             result = result.because(&error);
-            result.state = row.from_truth.is_none().then_some(State::NotFound);
+            result.state = from_truth.is_none().then_some(State::NotFound);
         }
     }
     result

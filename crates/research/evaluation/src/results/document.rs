@@ -23,7 +23,7 @@ pub struct EvaluationDocument {
     pub data: Vec<String>,
     /// Seed of every random choice; the first of them when there were several.
     pub seed: u64,
-    /// Whether matches were weighted by descriptor ratio, votes and track length, unless a recipe sets it.
+    /// Whether matches of any row were weighted by descriptor ratio, votes and track length.
     pub prior: bool,
     /// Hypotheses per query; null if the estimator stopped adaptively, or if the rows differ.
     pub fixed_hypotheses: Option<usize>,
@@ -43,7 +43,7 @@ pub struct EvaluationDocument {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct EstimatorVariant {
-    /// Name of the recipe; absent when single options were given.
+    /// Name of the estimator; in `eval rig` the number of images.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recipe: Option<String>,
     /// Whether matches were weighted by their prior.

@@ -5,14 +5,12 @@
 //! - [`metrics`]: pose errors, recall, medians. [`coverage`]: coverage of covariances. [`chi_squared`].
 //! - [`pose_lines`]: poses as lines of other programs' files (hloc, visuallocalization.net, TUM).
 //! - [`text_table`]: tables that fit a terminal.
-//! - [`Hypotheses`]: the number of samples of a search, as an option's text.
 #![forbid(unsafe_code)]
 
 pub mod chi_squared;
 pub mod coverage;
 mod data_set;
 mod document;
-mod hypotheses;
 pub mod metrics;
 pub mod pose_lines;
 pub mod state;
@@ -26,7 +24,6 @@ pub use document::{
     EstimatorVariant, EvaluationDocument, LossStage, MapSummary, NegativeResult, NegativeSummary,
     PoseDocument, QueryResult, RegionsSummary, SchemeSummary, SeedSummary, SentDocument, SentSummary,
 };
-pub use hypotheses::{Hypotheses, HypothesesError};
 pub use summary::summarize;
 pub use table::{STAGES, table};
 pub use uncertainty::{QueryUncertainty, TrustedUncertainty};

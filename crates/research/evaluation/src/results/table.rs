@@ -5,7 +5,6 @@ use std::fmt::Write as _;
 
 use crate::results::coverage::REGIONS;
 use crate::results::document::{LossStage, SchemeSummary, SeedSummary};
-use crate::results::hypotheses::Hypotheses;
 use crate::results::text_table::{TextTable, length, side_by_side};
 
 /// Stages in the order of processing; the table's columns.
@@ -132,15 +131,13 @@ fn lost(rows: &[SchemeSummary]) -> String {
 }
 
 fn names_of(row: &SchemeSummary, rows: &[SchemeSummary]) -> Vec<String> {
-    // A recipe's name implies its score.
-    let score =
-        if rows.iter().all(|r| r.variant.recipe.is_some()) { String::new() } else { row.score.clone() };
-    vec![
-        row.scheme.clone(),
-        row.variant.recipe.clone().unwrap_or_default(),
-        score,
-        row.variant.gravity.clone().unwrap_or_default(),
-    ]
+    // The name of an estimator implies its score.
+    let (recipe, score) = if rows.iter().any(|other| other.variant.recipe != rows[0].variant.recipe) {
+        (row.variant.recipe.clone().unwrap_or_default(), String::new())
+    } else {
+        (String::new(), row.score.clone())
+    };
+    vec![row.scheme.clone(), recipe, score, row.variant.gravity.clone().unwrap_or_default()]
 }
 
 fn figures_of(row: &SchemeSummary, thresholds: &[&String]) -> Vec<String> {
@@ -182,10 +179,10 @@ fn negatives_of(row: &SchemeSummary) -> Vec<String> {
 
 /// The fixed number, or the number at which the adaptive search stopped.
 fn hypotheses(row: &SchemeSummary) -> String {
-    match (Hypotheses::from(row.variant.fixed_hypotheses), row.median_hypotheses) {
-        (Hypotheses::Fixed(count), _) => count.to_string(),
-        (Hypotheses::Adaptive, Some(drawn)) => format!("~{drawn:.0}"),
-        (Hypotheses::Adaptive, None) => String::new(),
+    match (row.variant.fixed_hypotheses, row.median_hypotheses) {
+        (Some(count), _) => count.to_string(),
+        (None, Some(drawn)) => format!("~{drawn:.0}"),
+        (None, None) => String::new(),
     }
 }
 
@@ -282,10 +279,10 @@ mod tests {
         let cells: Vec<&str> = lines[2].split_whitespace().collect();
         assert_eq!(
             cells,
-            ["dcl", "vote", "~100", "1/3", "1", "—", "—", "33.3", "33.3", "50.0", "5.0", "1000"]
+            ["dcl", "likelihood", "~100", "1/3", "1", "—", "—", "33.3", "33.3", "50.0", "5.0", "1000"]
         );
         assert!(
-            !text.contains("gravity") && !text.contains("score") && !text.contains("negatives"),
+            !text.contains("gravity") && !text.contains("recipe") && !text.contains("negatives"),
             "{text}"
         );
         assert!(lines[..3].iter().all(|l| l.chars().count() == lines[1].chars().count()), "{text}");
@@ -322,14 +319,16 @@ mod tests {
         sealed.sent = Some(SentSummary { mean_rows: 300.25, mean_bytes: 51_234.4, mean_exposed: 71.5 });
         let text = table(&[sealed]);
         let line = text.lines().find(|line| line.contains("51234")).expect("a row");
-        assert_eq!(line.split_whitespace().collect::<Vec<_>>(), ["dcl", "vote", "300.2", "51234", "71.5"]);
+        assert_eq!(
+            line.split_whitespace().collect::<Vec<_>>(),
+            ["dcl", "likelihood", "300.2", "51234", "71.5"]
+        );
     }
 
     #[test]
     fn many_stages_have_their_own_table() {
         let mut wide = row(&[(0, Some((0.1, 0.01)))]);
         wide.scheme = "coordinate-permutation".to_owned();
-        wide.variant.recipe = None;
         wide.median_ms = STAGES.iter().map(|s| ((*s).to_owned(), 12.3)).collect();
         wide.negatives = Some(NegativeSummary { queries: 25, localized: 3, trusted: 0 });
         let text = table(&[wide]);

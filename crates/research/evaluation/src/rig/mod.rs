@@ -129,8 +129,8 @@ pub fn evaluate_rig(
         command: "eval rig",
         data: vec![folder_name(&scene.images)],
         seed: scene.seed,
-        prior: scene.localize.use_prior,
-        fixed_hypotheses: scene.localize.pose.fixed_hypotheses,
+        prior: scene.localize().use_prior,
+        fixed_hypotheses: scene.localize().pose.fixed_hypotheses,
         schemes: rows
             .iter()
             .map(|row| summarize(&row.iter().collect::<Vec<_>>(), &scene.thresholds))
@@ -156,8 +156,8 @@ fn localize_sequence(
     result.seed = scene.seed;
     result.variant = EstimatorVariant {
         recipe: Some(format!("{} frame{}", images.len(), if images.len() == 1 { "" } else { "s" })),
-        prior: scene.localize.use_prior,
-        fixed_hypotheses: scene.localize.pose.fixed_hypotheses,
+        prior: scene.localize().use_prior,
+        fixed_hypotheses: scene.localize().pose.fixed_hypotheses,
         ..EstimatorVariant::default()
     };
     let truth: Vec<CameraFromWorld> = images.iter().map(|&i| queries[i].cam_from_world).collect();
@@ -186,7 +186,7 @@ fn localize_sequence(
     }
     result.failure = None;
     let started = Instant::now();
-    match localize_rig(&frames, map, &scene.localize) {
+    match localize_rig(&frames, map, scene.localize()) {
         Ok(found) => {
             // The rig's frame is the newest image's camera.
             let rig = &found.rig_from_world;

@@ -14,7 +14,6 @@ use veiloc_protocol::{Scheme, SealedQuery};
 use super::options::SceneEvaluation;
 use crate::error::EvalError;
 use crate::pipeline::{extract_features, seal_query, with_extractors};
-use crate::pose::scores_or_default;
 
 /// One query with all its sent data.
 #[derive(Debug, Clone)]
@@ -90,14 +89,12 @@ fn drawn_query(
     let extraction = seal_options(Scheme::default());
     let mask = evaluation.mask_of(name);
     let (features, used) = extract_features(&path, mask.as_deref(), &camera, profile, &extraction)?;
-    let mut localize_options = evaluation.localize.clone();
-    localize_options.pose.score = scores_or_default(&evaluation.scores).first().copied();
     let mut sent = Vec::new();
     for scheme in &evaluation.schemes {
         let sealed = seal_query(&features, &used, profile, &seal_options(*scheme), name, evaluation.seed);
         let query = sealed.ok().and_then(|sealed| SealedQuery::decode(&sealed.bytes).ok());
         let Some(query) = query else { continue };
-        let found = localize(&query, map, &localize_options).ok();
+        let found = localize(&query, map, evaluation.localize()).ok();
         sent.push(DrawnScheme { scheme: *scheme, query, found });
     }
     let keypoints = features.keypoints.iter().map(|keypoint| keypoint.pixel).collect();

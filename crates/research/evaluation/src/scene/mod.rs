@@ -21,12 +21,13 @@ pub use options::{NegativeQueryImages, SceneEvaluation};
 
 use crate::error::EvalError;
 use crate::pipeline::{EvaluatedQuery, SceneMap, ServedMap, SimulatedGravity};
+use crate::pose::common_hypotheses;
 use crate::results::{EvaluationDocument, MapSummary, NegativeSummary, QueryResult, summarize};
 use negatives::localize_negatives;
 use one_query::localize_query;
 use work::Work;
 
-/// Builds the map and localizes every query under every scheme and score.
+/// Builds the map and localizes every query under every scheme, by every estimator.
 ///
 /// # Errors
 /// [`EvalError`] when data is missing or the map cannot be built. A query that is not localized is a result.
@@ -53,7 +54,7 @@ pub fn evaluate_scene(
         Some(times) => scene_map(evaluation, None, gravity_source.as_ref(), work.as_ref(), progress)?
             .compressed(times, keep, progress)?,
     };
-    let served = &ServedMap::new(whole, evaluation.regions.as_ref(), evaluation.localize.retrieve, progress)?;
+    let served = &ServedMap::new(whole, evaluation.regions.as_ref(), progress)?;
     let (mut schemes, queries) =
         localize_all(served, &queries, gravity_source.as_ref(), evaluation, work.as_ref(), progress)?;
     let mut negatives = Vec::new();
@@ -69,8 +70,8 @@ pub fn evaluate_scene(
         command: "eval scene",
         data: vec![folder_name(&evaluation.images)],
         seed: evaluation.seed,
-        prior: evaluation.localize.use_prior,
-        fixed_hypotheses: evaluation.localize.pose.fixed_hypotheses,
+        prior: evaluation.estimators.iter().any(|estimator| estimator.localize.use_prior),
+        fixed_hypotheses: common_hypotheses(&evaluation.estimators),
         schemes,
         queries,
         negatives,

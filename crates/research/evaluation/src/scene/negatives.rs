@@ -8,7 +8,6 @@ use veiloc_protocol::Scheme;
 use super::options::{NegativeQueryImages, SceneEvaluation};
 use crate::error::EvalError;
 use crate::pipeline::{PosedQuery, ServedMap, posed_queries, seal_query, send_and_localize, with_extractors};
-use crate::pose::scores_or_default;
 use crate::results::NegativeResult;
 
 impl NegativeQueryImages {
@@ -41,8 +40,8 @@ pub(crate) fn localize_negatives(
         &evaluation.build.extractors,
         evaluation.build.global.as_ref(),
     );
-    let scores = scores_or_default(&evaluation.scores);
-    let mut rows = vec![Vec::with_capacity(negatives.len()); evaluation.schemes.len() * scores.len()];
+    let mut rows =
+        vec![Vec::with_capacity(negatives.len()); evaluation.schemes.len() * evaluation.estimators.len()];
     progress.start("Localizing negatives", negatives.len());
     for negative in negatives {
         let (features, camera) = extract(&negative.path, &negative.camera, profile, &extraction)?;
@@ -53,21 +52,25 @@ pub(crate) fn localize_negatives(
                 evaluation.build.global.as_ref(),
             );
             let sent = seal_query(&features, &camera, profile, &options, &negative.name, evaluation.seed);
-            for (k, score) in scores.iter().enumerate() {
+            for (k, estimator) in evaluation.estimators.iter().enumerate() {
                 let mut result = NegativeResult {
                     name: negative.name.clone(),
                     scheme: scheme.to_string(),
-                    score: score.to_string(),
+                    score: estimator.score().to_string(),
                     localized: false,
                     trusted: false,
                     inliers: 0,
                     correspondences: 0,
                 };
-                let mut options = evaluation.localize.clone();
-                options.pose.score = Some(*score);
                 let response = sent.as_ref().ok();
                 let response = response.map(|sent| {
-                    send_and_localize(served, &sent.bytes, profile, evaluation.transmission, &options)
+                    send_and_localize(
+                        served,
+                        &sent.bytes,
+                        profile,
+                        evaluation.transmission,
+                        &estimator.localize,
+                    )
                 });
                 // A trusted pose of any step is a false positive, whatever the last one is.
                 result.trusted = response.as_ref().is_some_and(|response| response.was_trusted);
@@ -76,7 +79,7 @@ pub(crate) fn localize_negatives(
                     result.inliers = found.inlier_pairs;
                     result.correspondences = found.pairs;
                 }
-                rows[s * scores.len() + k].push(result);
+                rows[s * evaluation.estimators.len() + k].push(result);
             }
         }
         progress.advance(1);

@@ -1,4 +1,4 @@
-//! One query of a scene: sealed once per scheme, and again with gravity if requested; localized with every score.
+//! One query of a scene: sealed once per scheme, and again with gravity if requested; localized by every estimator.
 
 use std::time::Instant;
 
@@ -12,7 +12,6 @@ use crate::error::EvalError;
 use crate::pipeline::{
     EvaluatedQuery, ServedMap, SimulatedGravity, extract_features, localize_sent, seal_query, with_extractors,
 };
-use crate::pose::scores_or_default;
 
 /// Whether a pose is within no threshold, or is missing.
 fn is_lost(result: &QueryResult, evaluation: &SceneEvaluation) -> bool {
@@ -47,40 +46,42 @@ pub(super) fn localize_query(
         let options = seal_options(*scheme).with_gravity(gravity);
         let sealed = seal_query(&features, &camera, profile, &options, &query.name, evaluation.seed);
         let seal_ms = started.elapsed().as_secs_f64() * 1e3;
-        for score in scores_or_default(&evaluation.scores) {
+        for estimator in &evaluation.estimators {
             let mut result = match &sealed {
                 Ok(sent) => {
-                    let mut localize = evaluation.localize.clone();
-                    localize.pose.score = Some(score);
                     let mut result = localize_sent(
                         served,
                         &sent.bytes,
                         query,
                         *scheme,
                         evaluation.transmission,
-                        &localize,
+                        &estimator.localize,
                     );
                     if let Some(truth) = query.truth.as_ref().filter(|_| is_lost(&result, evaluation)) {
-                        result.lost_in =
-                            LossStage::of(sent, truth, served.whole(), &localize, &evaluation.thresholds);
+                        result.lost_in = LossStage::of(
+                            sent,
+                            truth,
+                            served.whole(),
+                            &estimator.localize,
+                            &evaluation.thresholds,
+                        );
                     }
                     result
                 }
                 Err(error) => {
-                    let mut unsealed = QueryResult::unsolved(&query.name, *scheme, score).because(error);
+                    let mut unsealed =
+                        QueryResult::unsolved(&query.name, *scheme, estimator.score()).because(error);
                     unsealed.has_ground_truth = query.truth.is_some();
                     unsealed.state = Some(State::NotFound);
                     unsealed
                 }
             };
             result.variant = EstimatorVariant {
-                prior: evaluation.localize.use_prior,
-                fixed_hypotheses: evaluation.localize.pose.fixed_hypotheses,
                 gravity: gravity_source.map(|gravity_source| match gravity {
                     None => "none".to_owned(),
                     Some(_) => gravity_source.noise().to_string(),
                 }),
-                ..EstimatorVariant::default()
+                ..estimator.variant()
             };
             result.seed = evaluation.seed;
             result.ms.insert("extract".to_owned(), extract_ms);

@@ -8,11 +8,11 @@ use veiloc_localization::LocalizeOptions;
 use veiloc_map::PosedImages;
 use veiloc_map::regions::SplitOptions;
 use veiloc_mapping::{BuildOptions, Input, OnOtherFrame, image_file, mask_file};
-use veiloc_pose::ScoreKind;
 use veiloc_protocol::Scheme;
 
 use crate::error::EvalError;
 use crate::pipeline::{EvaluatedQuery, GravityNoise, PosedQuery, QueryTransmission, queries_of_scene};
+use crate::pose::Estimator;
 use crate::results::metrics::Threshold;
 
 /// Inputs and options.
@@ -43,12 +43,10 @@ pub struct SceneEvaluation {
     pub regions: Option<SplitOptions>,
     /// Schemes, in the order of the table.
     pub schemes: Vec<Scheme>,
-    /// Scores, in the order of the table; empty for the default.
-    pub scores: Vec<ScoreKind>,
+    /// Estimators, in the order of the table; at least one.
+    pub estimators: Vec<Estimator>,
     /// Thresholds of the recall columns.
     pub thresholds: Vec<Threshold>,
-    /// Localization; its score is replaced by each of [`Self::scores`].
-    pub localize: LocalizeOptions,
     /// Standard deviation of an accelerometer, degrees: the map gets a down direction, and every query is sealed
     /// without and with gravity. `None`: no gravity.
     pub gravity: Option<GravityNoise>,
@@ -90,9 +88,8 @@ impl SceneEvaluation {
             compress: None,
             regions: None,
             schemes: vec![Scheme::default()],
-            scores: Vec::new(),
+            estimators: vec![Estimator::default()],
             thresholds: Vec::new(),
-            localize: LocalizeOptions::default(),
             gravity: None,
             masks: None,
             transmission: QueryTransmission::Whole,
@@ -101,6 +98,11 @@ impl SceneEvaluation {
             work: None,
             jobs: 1,
         }
+    }
+
+    /// Localization by the first estimator.
+    pub(crate) fn localize(&self) -> &LocalizeOptions {
+        &self.estimators[0].localize
     }
 
     /// The queries with known poses; refused if one of them is in the map.

@@ -129,11 +129,13 @@ fn under_each(
             let sent = seal_query(features, &camera, map.profile(), &options, &query.name, scene.seed);
             let from_truth = |sent| {
                 let (truth, radius) = (&query.cam_from_world, evaluation.oracle_radius_px);
-                evaluation.from_truth.then(|| TruthStartErrors::of(sent, truth, map, &scene.localize, radius))
+                evaluation
+                    .from_truth
+                    .then(|| TruthStartErrors::of(sent, truth, map, scene.localize(), radius))
             };
             let result = match &sent {
                 Ok(sent) => {
-                    let answer = decode_and_localize(map, &sent.bytes, &scene.localize);
+                    let answer = decode_and_localize(map, &sent.bytes, scene.localize());
                     StressQuery::answered(query, *stress, *scheme, &answer, from_truth(sent))
                 }
                 Err(error) => StressQuery::unsealed(

@@ -2,12 +2,10 @@
 
 use std::path::Path;
 
-use veiloc_evaluation::pose::{PoseEvaluation, Recipe, evaluate_poses};
-use veiloc_evaluation::results::Hypotheses;
+use veiloc_evaluation::pose::{Estimator, PoseEvaluation, evaluate_poses};
 use veiloc_evaluation::results::{EvaluationDocument, LossStage, SchemeSummary};
 use veiloc_evaluation::{NegativeQueryImages, SceneEvaluation, evaluate_scene};
 use veiloc_map::colmap::read_posed;
-use veiloc_pose::ScoreKind;
 use veiloc_protocol::Scheme;
 use veiloc_testdata::real_data_test;
 
@@ -29,6 +27,10 @@ fn scene(folder: &Path, every: usize, schemes: &[&str]) -> SceneEvaluation {
             names(&folder.join("query.txt")).into_iter().step_by(3).collect(),
         )
     }
+}
+
+fn estimators(names: &[&str]) -> Vec<Estimator> {
+    names.iter().map(|name| Estimator::named(name).expect("a name")).collect()
 }
 
 fn assert_recall(result: &EvaluationDocument, scheme: &str, least: f64, translation: f64) {
@@ -81,9 +83,11 @@ fn herzjesu_is_localized_with_dcl(data: &Path) {
 fn likelihood_removes_collapse_of_plain_score(data: &Path) {
     let files = vec![data.join("problems/redkitchen_nn.jsonl.gz")];
     let mut evaluation = PoseEvaluation::new(files, vec![Scheme::default()]);
-    evaluation.scores = vec![ScoreKind::Msac, ScoreKind::Likelihood];
+    evaluation.estimators = estimators(&["paper", "default"]);
+    for estimator in &mut evaluation.estimators {
+        estimator.localize.pose.fixed_hypotheses = Some(500);
+    }
     evaluation.thresholds = vec!["0.05/5".parse().expect("a threshold")];
-    evaluation.hypotheses = vec![Hypotheses::Fixed(500)];
     let result = evaluate_poses(&evaluation, &()).expect("evaluated");
     let recall = |score: &str| {
         result.schemes.iter().find(|s| s.score == score).expect("a requested row").recall["0.05/5"]
@@ -92,14 +96,14 @@ fn likelihood_removes_collapse_of_plain_score(data: &Path) {
     assert!(recall("likelihood") > 0.85, "the likelihood did not cure it: {}", recall("likelihood"));
 }
 
-/// Every recipe is run on the same real matches; recipes with the true matches have smaller errors than those that
+/// Every estimator runs on the same real matches; estimators with the true matches have smaller errors than those that
 /// must find them.
 #[real_data_test]
-fn recipes_seeds_and_the_floor_on_real_matches(data: &Path) {
+fn estimators_seeds_and_the_floor_on_real_matches(data: &Path) {
     let files = vec![data.join("problems/redkitchen_r08.jsonl.gz")];
     let mut evaluation =
         PoseEvaluation::new(files, vec![Scheme::Points, "dcl:paper".parse().expect("a layout")]);
-    evaluation.recipes = vec![Recipe::Paper, Recipe::Default, Recipe::Floor];
+    evaluation.estimators = estimators(&["paper", "default", "floor"]);
     evaluation.thresholds = vec!["0.05/5".parse().expect("a threshold")];
     evaluation.seeds = 2;
     let result = evaluate_poses(&evaluation, &()).expect("evaluated");
@@ -130,9 +134,9 @@ fn stages_of_lost_queries_differ(data: &Path) {
         result.queries.iter().map(|query| query.lost_in).collect()
     };
     assert_eq!(stages(&evaluation), [Some(LossStage::Objective); 2]);
-    evaluation.localize.matching.max_ratio = Some(0.05);
+    evaluation.estimators[0].localize.matching.max_ratio = Some(0.05);
     assert_eq!(stages(&evaluation), [Some(LossStage::Matching); 2]);
     evaluation.thresholds = vec!["1e9/180".parse().expect("a threshold")];
-    evaluation.localize.matching.max_ratio = None;
+    evaluation.estimators[0].localize.matching.max_ratio = None;
     assert_eq!(stages(&evaluation), [None; 2]);
 }

@@ -20,7 +20,7 @@ use crate::page::Card;
 const MAX_POINTS: usize = 24_000;
 
 /// Fields that distinguish methods.
-type Key<'a> = (Option<&'a str>, &'a str, &'a str, Option<&'a str>);
+type Key<'a> = (Option<&'a str>, &'a str, Option<&'a str>, Option<&'a str>);
 
 impl LocalizationReport {
     /// Adds a scene with its part of a document: methods and queries, each with its condition if the data set has
@@ -35,14 +35,15 @@ impl LocalizationReport {
         let scene = self.scenes.len();
         self.scenes.push(view);
         let methods: Vec<_> = methods.into_iter().collect();
-        let several_scores = methods.iter().any(|(_, summary)| summary.score != methods[0].1.score);
+        let recipe_of = |summary: &'a SchemeSummary| summary.variant.recipe.as_deref();
+        let several = methods.iter().any(|(_, summary)| recipe_of(summary) != recipe_of(methods[0].1));
         let mut keys: Vec<(Key<'a>, usize)> = Vec::new();
         for (condition, summary) in methods {
             let gravity = summary.variant.gravity.as_deref();
-            keys.push(((condition, &summary.scheme, &summary.score, gravity), self.methods.len()));
-            let score = several_scores.then(|| summary.score.clone());
+            keys.push(((condition, &summary.scheme, recipe_of(summary), gravity), self.methods.len()));
+            let recipe = recipe_of(summary).filter(|_| several).map(str::to_owned);
             let variant: Vec<String> =
-                score.into_iter().chain(gravity.map(|gravity| format!("gravity {gravity}"))).collect();
+                recipe.into_iter().chain(gravity.map(|gravity| format!("gravity {gravity}"))).collect();
             self.methods.push(Method {
                 scene,
                 condition: condition.map(str::to_owned),
@@ -53,7 +54,8 @@ impl LocalizationReport {
         }
         for (condition, result) in queries {
             let gravity = result.variant.gravity.as_deref();
-            let key = (condition, result.scheme.as_str(), result.score.as_str(), gravity);
+            let recipe = result.variant.recipe.as_deref();
+            let key = (condition, result.scheme.as_str(), recipe, gravity);
             let Some((_, method)) = keys.iter().find(|(known, _)| *known == key) else { continue };
             self.outcomes.push(QueryOutcome::of(result, *method, truth(&result.name)));
         }

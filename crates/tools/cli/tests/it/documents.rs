@@ -32,7 +32,7 @@ const COMMANDS: &[(&str, &str)] = &[
         "eval rig --posed posed --images images --map-list map.txt --query-list queries.txt {few} --max-distance 9 \
          --frames 1,2 --schemes dcl --json",
     ),
-    ("eval scene", "eval pose p.jsonl --schemes points,dcl --recipes default,floor --seeds 2 --json"),
+    ("eval scene", "eval pose p.jsonl --schemes points,dcl --estimator default,floor --seeds 2 --json"),
     (
         "eval stress",
         "eval stress --posed posed --images images --map-list map.txt --query-list queries.txt {few} --optimum \

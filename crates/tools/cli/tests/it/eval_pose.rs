@@ -1,4 +1,4 @@
-//! `veiloc eval pose` for research: recipes, numbers of hypotheses, seeds, gravity, the floor.
+//! `veiloc eval pose` for research: estimators, seeds, gravity, the floor.
 
 use super::common;
 
@@ -57,11 +57,18 @@ fn document(scene: &TestScene, arguments: &str) -> Value {
 }
 
 #[test]
-fn recipes_and_hypotheses_are_compared_on_the_same_matches() {
+fn estimators_are_compared_on_the_same_matches() {
     let scene = scene();
+    for base in ["likelihood", "vote"] {
+        for count in [50, 300] {
+            let file = format!("base = {base:?}\nhypotheses = {count}\n");
+            scene.write(&format!("{base}-{count}.toml"), file);
+        }
+    }
     let document = document(
         &scene,
-        "problems.jsonl --schemes points,dcl --recipes likelihood,vote --oracle --hypotheses 50,300 --thresholds 0.05/1",
+        "problems.jsonl --schemes points,dcl \
+         --estimator likelihood-50.toml,likelihood-300.toml,vote-50.toml,vote-300.toml,floor --thresholds 0.05/1",
     );
     let reported: Vec<String> = rows(&document)
         .iter()
@@ -70,7 +77,7 @@ fn recipes_and_hypotheses_are_compared_on_the_same_matches() {
         })
         .collect();
     let expected = |scheme: &str| {
-        ["likelihood 50", "likelihood 300", "vote 50", "vote 300", "floor null"]
+        ["likelihood-50 50", "likelihood-300 300", "vote-50 50", "vote-300 300", "floor null"]
             .map(|r| format!("{scheme} {r}"))
     };
     assert_eq!(reported, [expected("points"), expected("dcl")].concat());
@@ -78,7 +85,8 @@ fn recipes_and_hypotheses_are_compared_on_the_same_matches() {
         assert_eq!(row["queries"], QUERIES, "{row}");
         let floor = row["recipe"] == "floor";
         assert_eq!(row["score"] == "least-squares", floor, "{row}");
-        assert_eq!(row["prior"], row["recipe"] == "vote", "{row}");
+        let votes = row["recipe"].as_str().is_some_and(|name| name.starts_with("vote"));
+        assert_eq!(row["prior"], votes, "{row}");
         assert!(row.get("per_seed").is_none() && row.get("gravity").is_none(), "{row}");
         assert_eq!(row["median_hypotheses"].is_null(), floor, "{row}");
     }
@@ -140,13 +148,13 @@ fn gravity_comes_from_file_or_true_pose() {
 #[test]
 fn contradictory_arguments_are_refused() {
     let scene = scene();
+    scene.write("wrong.toml", "base = \"paper\"\nscor = \"msac\"\n");
     scene.write("down.jsonl", problems(true).replacen("gravity_in_camera", "gravity_in_world", 1));
     let cases: &[(&str, i32, &[&str])] = &[
-        ("problems.jsonl --recipes best", 2, &["best", "likelihood+prior"]),
-        ("problems.jsonl --recipes paper --score msac", 2, &["--recipes", "--score"]),
-        ("problems.jsonl --recipes paper --no-prior", 2, &["--recipes", "--no-prior"]),
-        ("problems.jsonl --hypotheses 0", 2, &["adaptive"]),
-        ("problems.jsonl --hypotheses 100,some", 2, &["some", "adaptive"]),
+        ("problems.jsonl --estimator best", 2, &["best", "likelihood+prior"]),
+        ("problems.jsonl --estimator paper,vote,paper", 1, &["paper", "name"]),
+        ("problems.jsonl --estimator none.toml", 2, &["none.toml", "check the path"]),
+        ("problems.jsonl --estimator wrong.toml", 2, &["wrong.toml", "line 2", "scor", "`score`"]),
         ("problems.jsonl --seeds 0", 2, &["--seeds"]),
         ("problems.jsonl --gravity down", 2, &["down", "degrees"]),
         ("problems.jsonl --oracle-radius 0", 2, &["above 0"]),
@@ -165,7 +173,8 @@ fn contradictory_arguments_are_refused() {
 #[test]
 fn document_fields_are_stable() {
     let scene = scene();
-    let document = document(&scene, "problems.jsonl --schemes dcl --hypotheses 300");
+    scene.write("fixed.toml", "hypotheses = 300\n");
+    let document = document(&scene, "problems.jsonl --schemes dcl --estimator fixed.toml");
     assert_eq!(
         keys(&document),
         ["command", "data", "fixed_hypotheses", "prior", "queries", "schemes", "seed", "version"]

@@ -123,6 +123,8 @@ fn eval_problems_output_is_eval_pose_input() {
     let scene = scene();
     let make = "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt \
                 --max-keypoints 1024";
+    scene.write("free.toml", "noise-px = 3\n");
+    scene.write("fixed.toml", "noise-px = 3\nestimate-noise = false\n");
     for file in ["made.jsonl", "made.jsonl.gz"] {
         scene.run(&format!("{make} -o {file}")).succeeded();
         let run = scene.run(&format!("eval pose {file} --schemes points,dcl --json made.json")).succeeded();
@@ -138,7 +140,8 @@ fn eval_problems_output_is_eval_pose_input() {
                 serde_json::from_slice(&scene.read("fixed.json")).expect("a document");
             document["queries"][0]["translation_error"].as_f64().expect("a number")
         };
-        assert_ne!(of("--noise 3 --fixed-noise"), of("--noise 3"));
+        let free = of("--estimator free.toml");
+        assert_ne!(of("--estimator fixed.toml"), free);
     }
     assert_eq!(scene.read("made.jsonl.gz")[..2], [0x1f, 0x8b]);
     let refused = scene.run(&format!("{make} -o no/such/folder/made.jsonl"));

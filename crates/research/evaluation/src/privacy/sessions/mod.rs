@@ -170,7 +170,7 @@ pub fn evaluate_sessions(
             let frames = sealed.par_iter().zip(shown).zip(of);
             frames
                 .map(|((sealed, shown), query)| {
-                    LocalizedFrame::of(sealed.as_ref(), shown, query, scheme, map, &scene.localize)
+                    LocalizedFrame::of(sealed.as_ref(), shown, query, scheme, map, scene.localize())
                 })
                 .collect()
         };

@@ -29,8 +29,7 @@ impl Work {
         base.file(map.path())?;
         base.behaviour(evaluation)?;
         base.debug(&evaluation.schemes);
-        base.debug(&evaluation.scores);
-        base.debug(&evaluation.localize);
+        base.debug(&evaluation.estimators);
         base.debug(&evaluation.transmission);
         base.debug(&evaluation.gravity);
         base.debug(&evaluation.masks.is_some());

@@ -12,7 +12,7 @@ use crate::commands::eval::posed_scene::{OptionalPosedSceneArgs, with_remedy};
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::json_args::JsonArgs;
-use crate::localization_args::MatchArgs;
+use crate::localization_args::EstimatorArgs;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -60,13 +60,10 @@ pub(crate) struct Args {
     /// Neighbours per keypoint.
     #[arg(short, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1000))]
     k: u32,
-    /// Seed of every random choice.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
     #[command(flatten)]
     extraction: ExtractionArgs,
     #[command(flatten)]
-    matching: MatchArgs,
+    estimator: EstimatorArgs,
     #[command(flatten)]
     json: JsonArgs,
 }
@@ -93,9 +90,9 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     if let Some(scene) = args.posed_scene.given() {
         evaluation.scene = Some(SceneEvaluation {
             build: args.extraction.options()?,
-            localize: args.matching.localize_options(),
+            estimators: vec![args.estimator.estimator()?],
             masks: args.masks.clone(),
-            seed: args.seed,
+            seed: args.estimator.seed,
             ..scene.scene(false, ui)?
         });
     }
@@ -112,7 +109,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     evaluation.attacked = args.max_attacked.map(|n| n as usize);
     evaluation.slow_attacks = !args.quick;
     evaluation.k = args.k as usize;
-    evaluation.seed = args.seed;
+    evaluation.seed = args.estimator.seed;
     let document = evaluate_adversaries(&evaluation, &Stages::new(ui)).map_err(with_remedy)?;
     args.json.print(&adversaries_table(&document), &document, ui)?;
     Ok(Exit::Success)

@@ -19,7 +19,7 @@ use crate::global_args::MapGlobalArgs;
 use crate::items::{self, BatchSummary, InputError, Item, SkipArgs};
 use crate::json_args::JsonArgs;
 use crate::lists;
-use crate::localization_args::{MatchArgs, PoseArgs, positive};
+use crate::localization_args::{EstimatorArgs, positive};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -64,9 +64,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     json: JsonArgs,
     #[command(flatten)]
-    pose: PoseArgs,
-    #[command(flatten)]
-    matching: MatchArgs,
+    estimator: EstimatorArgs,
 }
 
 /// Queries with out-of-map images: every pose is wrong, and a trusted one is a false positive.
@@ -120,8 +118,8 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let evaluation = NegativesEvaluation {
         images: usable,
         schemes: args.schemes.clone(),
-        localize: args.matching.options(&args.pose),
-        seed: args.pose.run.seed,
+        localize: args.estimator.estimator()?.localize,
+        seed: args.estimator.seed,
         random_gravity_sd_deg: args.random_gravity,
         extractors: args.features.extractors(map.profile())?.sealing(),
         global: args.global.extractor(&args.features.models(), map.profile())?,
@@ -141,7 +139,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         command: "eval negatives",
         map: args.map.display().to_string(),
         split: args.split,
-        seed: args.pose.run.seed,
+        seed: args.estimator.seed,
         images: items.len(),
         failed: faults.len(),
         result,

@@ -10,7 +10,7 @@ use crate::commands::eval::posed_scene::{PosedSceneArgs, with_remedy};
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::files;
-use crate::localization_args::MatchArgs;
+use crate::localization_args::EstimatorArgs;
 use crate::stages::Stages;
 use crate::targets::{OutFile, OutFileOrStdout};
 use crate::ui::Ui;
@@ -34,21 +34,18 @@ pub(crate) struct Args {
     /// hidden, as with `seal --masks`.
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
-    /// Seed of the keypoints' dither.
-    #[arg(long, default_value_t = 0, value_name = "N")]
-    seed: u64,
     #[command(flatten)]
     extraction: ExtractionArgs,
     #[command(flatten)]
-    matching: MatchArgs,
+    estimator: EstimatorArgs,
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let scene = SceneEvaluation {
         build: args.extraction.options()?,
-        localize: args.matching.localize_options(),
+        estimators: vec![args.estimator.estimator()?],
         masks: args.masks.clone(),
-        seed: args.seed,
+        seed: args.estimator.seed,
         ..args.posed_scene.scene(false, ui)?
     };
     let (lines, images): (Vec<String>, Vec<KeypointImage>) = make_problems(&scene, false, &Stages::new(ui))

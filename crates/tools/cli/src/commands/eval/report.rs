@@ -3,12 +3,10 @@
 use serde::Serialize;
 use veiloc_evaluation::results::metrics::Threshold;
 use veiloc_evaluation::results::{EvaluationDocument, table};
-use veiloc_pose::ScoreKind;
 use veiloc_protocol::Scheme;
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::json_args::JsonArgs;
-use crate::localization_args::EngineArgs;
 use crate::ui::Ui;
 
 /// Comparison and output of `eval scene` and `eval pose`.
@@ -17,9 +15,6 @@ pub(super) struct ReportArgs {
     /// Schemes to compare.
     #[arg(long, value_delimiter = ',', default_value = "points,random-lines,dcl", value_name = "SCHEME,…")]
     pub(super) schemes: Vec<Scheme>,
-    /// Scores to compare; each scheme runs with each score. Default: one score, as `--score`.
-    #[arg(long, value_delimiter = ',', value_name = "SCORE,…", conflicts_with = "score")]
-    scores: Vec<ScoreKind>,
     /// Thresholds of the recall columns, `translation/degrees` with the translation in map units.
     #[arg(long, value_delimiter = ',', default_value = "0.05/5,0.25/2", value_name = "T/DEG,…")]
     pub(super) thresholds: Vec<Threshold>,
@@ -28,14 +23,6 @@ pub(super) struct ReportArgs {
 }
 
 impl ReportArgs {
-    pub(super) fn scores(&self, engine: &EngineArgs) -> Vec<ScoreKind> {
-        match (self.scores.is_empty(), engine.score) {
-            (false, _) => self.scores.clone(),
-            (true, Some(score)) => vec![score],
-            (true, None) => Vec::new(),
-        }
-    }
-
     /// Prints the table and document of another evaluation.
     pub(super) fn print(&self, table: &str, document: &impl Serialize, ui: &Ui) -> Result<(), Failure> {
         self.json.print(table, document, ui)

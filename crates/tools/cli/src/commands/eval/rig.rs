@@ -40,11 +40,10 @@ pub(crate) struct Args {
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
-    let scores = args.scene.report.scores(&args.scene.pose.engine);
-    if scores.iter().any(|score| *score != veiloc_pose::ScoreKind::Likelihood) {
+    if args.scene.estimator.estimator()?.score() != veiloc_pose::ScoreKind::Likelihood {
         return Err(Failure::with_help(
             "sessions are localized with the likelihood only",
-            "leave out --score and --scores",
+            "give an --estimator with the likelihood",
         ));
     }
     let evaluation = RigEvaluation {

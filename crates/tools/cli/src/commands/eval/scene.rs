@@ -14,7 +14,7 @@ use crate::commands::posed::read_posed;
 use crate::exit::{Failure, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::lists;
-use crate::localization_args::{MatchArgs, PoseArgs};
+use crate::localization_args::EstimatorArgs;
 use crate::progressive_args::ProgressiveArgs;
 use crate::stages::Stages;
 use crate::targets::{OutFile, OutFolder};
@@ -76,9 +76,7 @@ pub(super) struct SceneArgs {
     #[command(flatten)]
     pub(super) report: ReportArgs,
     #[command(flatten)]
-    pub(super) pose: PoseArgs,
-    #[command(flatten)]
-    matching: MatchArgs,
+    pub(super) estimator: EstimatorArgs,
 }
 
 impl SceneArgs {
@@ -88,10 +86,9 @@ impl SceneArgs {
             keep_map: self.keep_map.as_deref().map(Path::to_owned),
             build: self.extraction.options()?,
             schemes: self.report.schemes.clone(),
-            scores: self.report.scores(&self.pose.engine),
+            estimators: self.estimator.estimators()?,
             thresholds: self.report.thresholds.clone(),
-            localize: self.matching.options(&self.pose),
-            seed: self.pose.run.seed,
+            seed: self.estimator.seed,
             ..self.posed_scene.scene(true, ui)?
         })
     }

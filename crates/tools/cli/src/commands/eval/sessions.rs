@@ -62,6 +62,7 @@ pub(crate) struct Args {
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    args.scene.estimator.estimator()?;
     let default = SessionOptions::default();
     let evaluation = SessionsEvaluation {
         scene: args.scene.evaluation(ui)?,

@@ -9,7 +9,7 @@ use crate::commands::eval::posed_scene::{GravityArgs, PosedSceneArgs, with_remed
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::json_args::JsonArgs;
-use crate::localization_args::{MatchArgs, PoseArgs, positive};
+use crate::localization_args::{EstimatorArgs, positive};
 use crate::stages::Stages;
 use crate::ui::Ui;
 
@@ -54,9 +54,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     json: JsonArgs,
     #[command(flatten)]
-    pose: PoseArgs,
-    #[command(flatten)]
-    matching: MatchArgs,
+    estimator: EstimatorArgs,
 }
 
 const STRESSES: &str = "\
@@ -77,9 +75,9 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         build: args.extraction.options()?,
         schemes: args.schemes.clone(),
         thresholds: args.thresholds.clone(),
-        localize: args.matching.options(&args.pose),
+        estimators: vec![args.estimator.estimator()?],
         gravity: args.gravity.gravity_noise,
-        seed: args.pose.run.seed,
+        seed: args.estimator.seed,
         ..args.posed_scene.scene(true, ui)?
     });
     evaluation.stresses.clone_from(&args.stress);

@@ -22,6 +22,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             "see `veiloc eval dataset --help` for the data set of each option",
         ));
     }
+    args.estimator()?;
     let (root, missing) = (&args.root, args.missing());
     let scenes = |all: &dyn Fn() -> Result<Vec<String>, _>, without: &[&str]| -> Result<_, Failure> {
         let excluded = |name: &String| match &args.exclude {

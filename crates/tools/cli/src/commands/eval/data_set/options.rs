@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use veiloc_datasets::MissingImages;
 use veiloc_datasets::aachen::AachenVersion;
+use veiloc_evaluation::pose::Estimator;
 use veiloc_evaluation::results::metrics::Threshold;
 use veiloc_geometry::Intrinsics;
 use veiloc_protocol::{DclLayout, Scheme};
@@ -13,7 +14,7 @@ use crate::commands::eval::html::HtmlArgs;
 use crate::exit::Failure;
 use crate::extraction_args::ExtractionArgs;
 use crate::json_args::JsonArgs;
-use crate::localization_args::{MatchArgs, PoseArgs};
+use crate::localization_args::EstimatorArgs;
 use crate::targets::{OutFile, OutFolder};
 
 /// A published data set.
@@ -60,7 +61,7 @@ impl DataSet {
     }
 
     /// The paper's inlier threshold for points, pixels.
-    pub(super) const fn paper_max_error_px(self) -> f64 {
+    const fn paper_max_error_px(self) -> f64 {
         match self {
             Self::SevenScenes => 4.0,
             Self::Cambridge => 18.0,
@@ -81,7 +82,9 @@ pub(super) enum PoseKind {
 /// Evaluate the scenes of a published data set, from its unpacked folders.
 ///
 /// Builds the map of each scene, seals every query image under every scheme, localizes it, and compares with its known
-/// pose. `python3 research/study paper` prints the results beside the paper's.
+/// pose. `python3 research/study paper` prints the results beside the paper's. With `--estimator paper`, or a file based
+/// on it without `max-error-px`, points have the paper's inlier threshold for the data set (4 pixels for 7Scenes, 18 for
+/// Cambridge, 8 for Aachen), and `dcl` the paper's halves.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The data set.
@@ -127,16 +130,11 @@ pub(crate) struct Args {
     available_only: bool,
     /// Schemes to compare; `dcl:s=2`, `dcl:s=3` and `dcl:horizontal` are those of the paper's ablations.
     #[arg(long, value_delimiter = ',', default_value = "points,random-lines,dcl", value_name = "SCHEME,…")]
-    pub(super) schemes: Vec<Scheme>,
+    schemes: Vec<Scheme>,
     /// Thresholds of the recall columns, `translation/degrees` with the translation in map units. Default: the paper's
     /// thresholds for the data set.
     #[arg(long, value_delimiter = ',', value_name = "T/DEG,…")]
     thresholds: Vec<Threshold>,
-    /// Estimate poses as in the paper: msac, p6lp, equal match weights, dcl with the paper's halves, and the paper's inlier threshold for the data
-    /// set (4 pixels for 7Scenes, 18 for Cambridge, 8 for Aachen; lines divided by √2). Default: likelihood, as in the
-    /// service.
-    #[arg(long, conflicts_with_all = ["score", "solver", "max_error"])]
-    pub(super) paper: bool,
     /// Folder for intermediate results: features and matches of map images, maps, and the result of each finished
     /// query. An interrupted run continues from there, and results for the same images and options are not computed
     /// again. Default: nothing is stored.
@@ -149,9 +147,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     extraction: ExtractionArgs,
     #[command(flatten)]
-    pub(super) pose: PoseArgs,
-    #[command(flatten)]
-    pub(super) matching: MatchArgs,
+    pub(super) estimator: EstimatorArgs,
     #[command(flatten)]
     pub(super) attack: AttackArgs,
     #[command(flatten)]
@@ -179,13 +175,17 @@ impl Args {
         wrong.map(|(name, ..)| name)
     }
 
-    /// The schemes; with the paper's settings `dcl` has the paper's layout.
-    pub(super) fn schemes(&self) -> Vec<Scheme> {
-        let of_paper = |scheme: &Scheme| match scheme {
-            _ if self.paper && *scheme == Scheme::default() => Scheme::Dcl(DclLayout::VERTICAL),
-            other => *other,
-        };
-        self.schemes.iter().map(of_paper).collect()
+    /// The estimator and the schemes; as published it has the paper's inlier threshold for the data set, and `dcl` the
+    /// paper's layout.
+    pub(super) fn estimator(&self) -> Result<(Estimator, Vec<Scheme>), Failure> {
+        let (mut estimator, mut schemes) = (self.estimator.estimator()?, self.schemes.clone());
+        if estimator.as_published {
+            estimator.localize.pose.max_error_px = self.data_set.paper_max_error_px();
+            for scheme in schemes.iter_mut().filter(|scheme| **scheme == Scheme::default()) {
+                *scheme = Scheme::Dcl(DclLayout::VERTICAL);
+            }
+        }
+        Ok((estimator, schemes))
     }
 
     /// How missing images are handled.

@@ -8,7 +8,6 @@ use veiloc_evaluation::results::{
 use veiloc_evaluation::{SceneEvaluation, evaluate_scene};
 use veiloc_map::{PosedImage, PosedImages};
 use veiloc_mapping::OnOtherFrame;
-use veiloc_pose::{AnchoredSolver, ScoreKind};
 use veiloc_report::LengthUnit;
 
 use super::options::{Args, cores};
@@ -32,7 +31,7 @@ pub(super) fn evaluate(
         command: args.data_set.command(),
         data: scenes.iter().map(|scene| scene.name.clone()).collect(),
         run: facts(args),
-        seed: args.pose.run.seed,
+        seed: args.estimator.seed,
         scenes: Vec::new(),
         schemes: Vec::new(),
         queries: Vec::new(),
@@ -117,23 +116,16 @@ fn scene_evaluation(scene: &DatasetScene, args: &Args) -> Result<SceneEvaluation
     let posed = PosedImages::new(images, scene.mapped.points().to_vec()).map_err(|e| refused(e.into()))?;
     let (known, unknown): (Vec<_>, Vec<_>) =
         scene.queries.iter().partition(|query| query.cam_from_world.is_some());
-    let mut localize = args.matching.options(&args.pose);
-    if args.paper {
-        localize.pose.score = Some(ScoreKind::Msac);
-        localize.pose.anchored_solver = Some(AnchoredSolver::P6lp);
-        localize.pose.max_error_px = args.data_set.paper_max_error_px();
-        localize.use_prior = false;
-    }
+    let (estimator, schemes) = args.estimator()?;
     Ok(SceneEvaluation {
         unposed: unknown.iter().map(|query| (query.name.clone(), query.camera)).collect(),
         build: args.build()?,
         // All poses of a data set are in one frame; some of its places look alike.
         on_other_frame: OnOtherFrame::Accept,
-        schemes: args.schemes(),
-        scores: localize.pose.score.into_iter().collect(),
+        schemes,
+        estimators: vec![estimator],
         thresholds: args.thresholds(),
-        localize,
-        seed: args.pose.run.seed,
+        seed: args.estimator.seed,
         work: args.work.as_ref().map(|folder| folder.join(&scene.name)),
         jobs: args.jobs(),
         ..SceneEvaluation::of_scene(
