@@ -21,8 +21,7 @@ use std::sync::Arc;
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 // Modules that every command uses, at the crate root under their own names.
 use crate::args::{
-    camera, extraction_args, extraction_error, feature_args, global_args, json_args, localization_args,
-    progressive_args, report_args,
+    camera, extraction_args, feature_args, json_args, localization_args, progressive_args, report_args,
 };
 use crate::output::{exit, files, items, lists, stages, targets, ui};
 

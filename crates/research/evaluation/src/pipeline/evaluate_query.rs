@@ -1,5 +1,6 @@
 //! Localization of one query and comparison with its true pose.
 
+use crate::results::metrics::finite;
 use crate::results::{QueryResult, QueryUncertainty, SentDocument};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_localization::LocalizeOptions;
@@ -33,7 +34,7 @@ pub fn localize_one(
 }
 
 /// The same for a query that is sent whole or progressively, with the amount of sent data; for several messages, the
-/// time of those before the last is a separate stage.
+/// time of those before the last is a separate stage. Also returns whether the answer to any message was trusted.
 pub(crate) fn localize_sent(
     served: &ServedMap<'_>,
     bytes: &[u8],
@@ -41,7 +42,7 @@ pub(crate) fn localize_sent(
     scheme: Scheme,
     transmission: QueryTransmission,
     options: &LocalizeOptions,
-) -> QueryResult {
+) -> (QueryResult, bool) {
     let score = options.pose.score.unwrap_or_default();
     let response = send_and_localize(served, bytes, served.whole().profile(), transmission, options);
     let mut result = compare_with_truth(&response.answer, &query.name, query.truth.as_ref(), scheme, score);
@@ -50,7 +51,7 @@ pub(crate) fn localize_sent(
     if let QueryTransmission::Progressive(_) = transmission {
         result.ms.insert("steps".to_owned(), response.before_ms);
     }
-    result
+    (result, response.was_trusted)
 }
 
 fn compare_with_truth(
@@ -82,5 +83,6 @@ fn compare_with_truth(
         }
         Err(error) => result = result.because(error),
     }
+    result.log_evidence = answer.log_evidence().and_then(finite);
     result
 }

@@ -17,8 +17,6 @@ pub(crate) use evaluate_query::localize_sent;
 pub(crate) use extract_features::extract_features;
 pub use posed_query::{EvaluatedQuery, PosedQuery, posed_queries, queries_of_scene};
 pub use progressive::QueryTransmission;
-pub(crate) use progressive::send_and_localize;
 pub use scene_map::SceneMap;
 pub(crate) use served_map::ServedMap;
-pub(crate) use server::{LocalizeResult, decode_and_localize};
 pub use simulated_gravity::{GravityNoise, SimulatedGravity};

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::PosedImages;
 use veiloc_mapping::{NameIndex, image_file};
+use veiloc_protocol::FocalKnowledge;
 
 use crate::error::EvalError;
 
@@ -31,6 +32,8 @@ pub struct EvaluatedQuery {
     pub path: PathBuf,
     /// Its camera.
     pub camera: Intrinsics,
+    /// How well its focal length is known.
+    pub focal: FocalKnowledge,
     /// Its true pose; if `None`, errors are not measured.
     pub truth: Option<CameraFromWorld>,
 }
@@ -38,7 +41,8 @@ pub struct EvaluatedQuery {
 impl From<PosedQuery> for EvaluatedQuery {
     fn from(query: PosedQuery) -> Self {
         let truth = Some(query.cam_from_world);
-        Self { name: query.name, path: query.path, camera: query.camera, truth }
+        let focal = FocalKnowledge::Calibrated;
+        Self { name: query.name, path: query.path, camera: query.camera, focal, truth }
     }
 }
 

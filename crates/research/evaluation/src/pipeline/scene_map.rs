@@ -76,17 +76,20 @@ impl SceneMap {
         let folder = keep.is_none().then_some(folder);
         veiloc_map::write(&model, &path)?;
         drop(model);
-        let file = MapFile::open(&path)?;
+        Ok(Self { _folder: folder, ..Self::given(&path, build_seconds)? })
+    }
+
+    /// Opens a map that took this time to build.
+    ///
+    /// # Errors
+    /// [`EvalError`] when the file is not a map.
+    pub(crate) fn given(path: &Path, build_seconds: f64) -> Result<Self, EvalError> {
+        let file = MapFile::open(path)?;
         let bytes =
-            std::fs::metadata(&path).map_err(|source| EvalError::Io { path: path.clone(), source })?.len();
-        let summary = MapSummary {
-            images: file.image_count(),
-            points: file.point_count(),
-            bytes,
-            build_seconds,
-            regions: None,
-        };
-        Ok(Self { file, summary, _folder: folder })
+            std::fs::metadata(path).map_err(|source| EvalError::Io { path: path.to_owned(), source })?.len();
+        let (images, points) = (file.image_count(), file.point_count());
+        let summary = MapSummary { images, points, bytes, build_seconds, regions: None };
+        Ok(Self { file, summary, _folder: None })
     }
 
     /// Opens a map that was built earlier.

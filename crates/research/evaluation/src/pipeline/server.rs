@@ -32,12 +32,6 @@ impl LocalizeResult {
         self.found.as_ref().map_or(State::NotFound, |found| found.state)
     }
 
-    /// Reasons to doubt the pose, in words; empty without a pose.
-    pub(crate) fn doubts(&self) -> Vec<String> {
-        let doubts = self.found.as_ref().map(|found| found.confidence.doubts()).unwrap_or_default();
-        doubts.iter().map(ToString::to_string).collect()
-    }
-
     /// Natural logarithm of the evidence against chance, also for a pose that was rejected as no better than chance;
     /// `None` without a pose.
     pub(crate) fn log_evidence(&self) -> Option<f64> {

@@ -29,10 +29,10 @@ impl FromStr for GravityNoise {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let (sd, wrong) = text.split_once(',').unwrap_or((text, "0"));
+        let (sd, wrong) = text.split_once('/').unwrap_or((text, "0"));
         let refuse = || {
             format!(
-                "{text:?}: expected a deviation above 0, or a deviation and an error, as in 0.5 or 0.5,90"
+                "{text:?}: expected a deviation above 0, or a deviation and an error, as in 0.5 or 0.5/90"
             )
         };
         let number = |text: &str| text.trim().parse::<f64>().ok().filter(|n| n.is_finite() && *n >= 0.0);
@@ -44,7 +44,7 @@ impl FromStr for GravityNoise {
 impl fmt::Display for GravityNoise {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.sd_deg)?;
-        if self.wrong_by_deg > 0.0 { write!(f, ",{}", self.wrong_by_deg) } else { Ok(()) }
+        if self.wrong_by_deg > 0.0 { write!(f, "/{}", self.wrong_by_deg) } else { Ok(()) }
     }
 }
 
@@ -74,13 +74,13 @@ impl SimulatedGravity {
         self.down
     }
 
-    /// The errors of the sensors.
-    pub const fn noise(&self) -> GravityNoise {
-        self.noise
-    }
-
     /// The gravity that the device sends with a query; equal seeds and names give equal noise.
-    fn measured(&self, name: &str, cam_from_world: &CameraFromWorld, seed: u64) -> Option<CoarseGravity> {
+    pub(crate) fn measured(
+        &self,
+        name: &str,
+        cam_from_world: &CameraFromWorld,
+        seed: u64,
+    ) -> Option<CoarseGravity> {
         let exact = cam_from_world.rotation() * Vector3::from(self.down.in_world());
         let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &[name, "gravity"]));
         // A rotation about the direction itself has no effect: what remains is the noise about the two orthogonal
@@ -96,18 +96,6 @@ impl SimulatedGravity {
     pub(crate) fn random(name: &str, sd_deg: f64, seed: u64) -> Option<CoarseGravity> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &[name, "random gravity"]));
         CoarseGravity::new([0; 3].map(|_| normal(&mut rng)), sd_deg).ok()
-    }
-
-    /// The variants of a query: without gravity, and then with gravity if it is simulated and the pose is known.
-    pub(crate) fn variants(
-        simulated: Option<&Self>,
-        name: &str,
-        truth: Option<&CameraFromWorld>,
-        seed: u64,
-    ) -> impl Iterator<Item = Option<CoarseGravity>> {
-        let measured =
-            simulated.zip(truth).map(|(gravity_source, truth)| gravity_source.measured(name, truth, seed));
-        std::iter::once(None).chain(measured)
     }
 }
 
@@ -127,13 +115,10 @@ mod tests {
         let mut sum = 0.0;
         for i in 0..n {
             let (name, truth) = (format!("{i}.jpg"), random_pose(&mut rng));
-            let measured: Vec<_> =
-                SimulatedGravity::variants(Some(&gravity_source), &name, Some(&truth), 7).collect();
-            let [None, Some(gravity)] = measured[..] else { panic!("nothing, then gravity") };
+            let gravity = gravity_source.measured(&name, &truth, 7).expect("encodable");
             assert_eq!(gravity_source.measured(&name, &truth, 7), Some(gravity), "equal seeds, equal noise");
             let exact = truth.rotation() * Vector3::from(gravity_source.down.in_world());
             sum += exact.angle(&Vector3::from(gravity.in_camera())).to_degrees().powi(2) / 2.0;
-            assert_eq!(SimulatedGravity::variants(None, &name, Some(&truth), 7).collect::<Vec<_>>(), [None]);
         }
         let about_each = (sum / n as f64).sqrt();
         assert!((about_each - 4.0).abs() < 0.2, "{about_each}");
@@ -141,11 +126,11 @@ mod tests {
 
     #[test]
     fn errors_of_sensors_are_read_and_simulated() {
-        for (text, sd_deg, wrong_by_deg) in [("0.5", 0.5, 0.0), ("1,90", 1.0, 90.0)] {
+        for (text, sd_deg, wrong_by_deg) in [("0.5", 0.5, 0.0), ("1/90", 1.0, 90.0)] {
             let noise: GravityNoise = text.parse().expect(text);
             assert_eq!((noise, noise.to_string().as_str()), (GravityNoise { sd_deg, wrong_by_deg }, text));
         }
-        for text in ["", "0", "-1", "nan", "0.5,-1", "0.5,181", "1,2,3"] {
+        for text in ["", "0", "-1", "nan", "0.5/-1", "0.5/181", "1/2/3"] {
             assert!(text.parse::<GravityNoise>().is_err(), "{text:?}");
         }
         let down = GravityDirection::new([0.3, -0.2, 0.9]).expect("a direction");

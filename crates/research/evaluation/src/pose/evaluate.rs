@@ -141,8 +141,8 @@ pub fn evaluate_poses(
         fixed_hypotheses: common_hypotheses(&evaluation.estimators),
         schemes,
         queries: results,
-        negatives: Vec::new(),
         map: None,
+        sparse_map: None,
     })
 }
 

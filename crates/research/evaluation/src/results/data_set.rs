@@ -64,9 +64,6 @@ pub struct SceneInfo {
 pub struct SceneSummary {
     /// The scene.
     pub scene: String,
-    /// Condition of the queries, `day` or `night`; absent if the data set does not distinguish conditions.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub condition: Option<String>,
     /// The figures.
     #[serde(flatten)]
     pub summary: SchemeSummary,
@@ -76,12 +73,8 @@ pub struct SceneSummary {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SceneQuery {
-    /// The scene; absent in documents of one scene.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub scene: Option<String>,
-    /// Condition of the query, `day` or `night`; absent if the data set does not distinguish conditions.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub condition: Option<String>,
+    /// The scene.
+    pub scene: String,
     /// The result.
     #[serde(flatten)]
     pub result: QueryResult,

@@ -11,13 +11,13 @@ use crate::results::metrics::{PoseErrors, finite};
 use crate::results::state::{as_text_if_any, from_text_if_any};
 use crate::results::uncertainty::{QueryUncertainty, TrustedUncertainty};
 
-/// Also of `eval pose` and `eval rig`.
+/// Also of `eval pose`.
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct EvaluationDocument {
     /// Version of this document.
     pub version: u32,
-    /// The command: `eval scene`, `eval pose` or `eval rig`.
+    /// The command: `eval scene` or `eval pose`.
     pub command: &'static str,
     /// Names of the evaluated data.
     pub data: Vec<String>,
@@ -27,31 +27,42 @@ pub struct EvaluationDocument {
     pub prior: bool,
     /// Hypotheses per query; null if the estimator stopped adaptively, or if the rows differ.
     pub fixed_hypotheses: Option<usize>,
-    /// One entry per row of the table: scheme and configuration of the estimator.
+    /// One entry per row of the table: condition, scheme and configuration of the estimator.
     pub schemes: Vec<SchemeSummary>,
     /// One entry per row, seed and query.
     pub queries: Vec<QueryResult>,
-    /// Negative queries, which must not be localized: one entry per row and query; absent without `--negatives-list`.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub negatives: Vec<NegativeResult>,
     /// Facts about the map; absent in `eval pose`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub map: Option<MapSummary>,
+    /// The map of conditions with `sparse-map`; absent without them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sparse_map: Option<SparseMap>,
+}
+
+/// The map of few images.
+#[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct SparseMap {
+    /// Step through the map list: every n-th image is in it.
+    pub stride: usize,
+    /// Facts about it.
+    #[serde(flatten)]
+    pub map: MapSummary,
 }
 
 /// Configuration of the estimator, beside scheme and score.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct EstimatorVariant {
-    /// Name of the estimator; in `eval rig` the number of images.
+    /// Name of the estimator; in `eval scene --optimum` also `optimum` and `floor`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recipe: Option<String>,
     /// Whether matches were weighted by their prior.
     pub prior: bool,
     /// Hypotheses per query; null if the estimator stopped adaptively or did not search.
     pub fixed_hypotheses: Option<usize>,
-    /// Gravity of the estimator: `none`; in `eval pose` `file` or its error in degrees, in `eval scene` its standard
-    /// deviation in degrees; absent when none was selected and the data has none.
+    /// Gravity of the estimator in `eval pose`: `none`, `file` or its error in degrees; absent when none was selected and
+    /// the data has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gravity: Option<String>,
 }
@@ -60,6 +71,10 @@ pub struct EstimatorVariant {
 #[derive(Debug, Clone, Default, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SchemeSummary {
+    /// Condition of the queries: that of `eval scene --conditions`, or `day` and `night` of Aachen; absent for queries as
+    /// they are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub condition: Option<String>,
     /// Obfuscation scheme.
     pub scheme: String,
     /// Score by which hypotheses were compared.
@@ -74,7 +89,7 @@ pub struct SchemeSummary {
     /// Number of queries with a pose that the estimator trusts; absent if trust was not evaluated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trusted: Option<usize>,
-    /// Number of trusted poses outside every threshold; absent if trust was not evaluated.
+    /// Number of trusted poses outside every threshold, or of out-of-map images; absent if trust was not evaluated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub trusted_wrong: Option<usize>,
     /// Number of queries with a pose that the estimator doubts; absent if trust was not evaluated.
@@ -91,6 +106,9 @@ pub struct SchemeSummary {
     /// Median translation error over all queries with ground truth, map units; null when more than half were not
     /// localized.
     pub median_translation: Option<f64>,
+    /// Median of the queries' `position_sd`, map units; absent if more than half of the poses have none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub median_position_sd: Option<f64>,
     /// Threshold (`translation/degrees`) to share of the queries with ground truth within it, 0 to 1; empty without such
     /// queries.
     pub recall: BTreeMap<String, f64>,
@@ -112,9 +130,6 @@ pub struct SchemeSummary {
     /// The same figures per seed; absent for one seed.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub per_seed: Vec<SeedSummary>,
-    /// Results of the negative queries; absent without them.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub negatives: Option<NegativeSummary>,
 }
 
 /// All queries of one row under one seed; fields as in [`SchemeSummary`].
@@ -137,35 +152,15 @@ pub struct SeedSummary {
     pub median_ms: BTreeMap<String, f64>,
 }
 
-/// Number of negative queries that were accepted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct NegativeSummary {
-    /// Number of negative queries.
-    pub queries: usize,
-    /// Number of queries with a pose: each is wrong.
-    pub localized: usize,
-    /// Number of queries with a pose that the estimator trusts: each is a false positive.
-    pub trusted: usize,
-}
-
-impl NegativeSummary {
-    /// The negatives of one row.
-    pub fn of(results: &[NegativeResult]) -> Self {
-        Self {
-            queries: results.len(),
-            localized: results.iter().filter(|r| r.localized).count(),
-            trusted: results.iter().filter(|r| r.trusted).count(),
-        }
-    }
-}
-
 /// One query under one row.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct QueryResult {
     /// Its name in the data.
     pub name: String,
+    /// As in `schemes`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub condition: Option<String>,
     /// Obfuscation scheme.
     pub scheme: String,
     /// Score by which hypotheses were compared.
@@ -193,8 +188,15 @@ pub struct QueryResult {
     /// Why the pose is not trusted, in words; absent when it is, or without a pose.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub doubts: Vec<String>,
-    /// Whether the true pose is known. If not, the query has no errors and counts only in the numbers of queries and
-    /// states. Absent when true.
+    /// Natural logarithm of the evidence against chance; absent if no pose was estimated, or if trust was not evaluated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub log_evidence: Option<f64>,
+    /// How well the focal length of an out-of-map image is known: `calibrated`, `exif` or `unknown`; absent for other
+    /// queries.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub focal: Option<String>,
+    /// Whether the true pose is known. If not, as for out-of-map images, the query has no errors and counts only in the
+    /// numbers of queries and states. Absent when true.
     #[serde(default = "yes", skip_serializing_if = "is_true")]
     pub has_ground_truth: bool,
     /// Rotation error, degrees; null when not localized or without ground truth.
@@ -285,26 +287,6 @@ impl SentSummary {
     }
 }
 
-/// One query of another scene under one row.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct NegativeResult {
-    /// Its name in the data.
-    pub name: String,
-    /// Obfuscation scheme.
-    pub scheme: String,
-    /// Score by which hypotheses were compared.
-    pub score: String,
-    /// Whether it got a pose, which is wrong in any case.
-    pub localized: bool,
-    /// Whether the estimator trusts that pose.
-    pub trusted: bool,
-    /// Number of correspondences that agree with the pose.
-    pub inliers: usize,
-    /// Number of correspondences.
-    pub correspondences: usize,
-}
-
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands out references")]
 const fn is_true(is: &bool) -> bool {
     *is
@@ -347,7 +329,7 @@ pub struct MapSummary {
     pub points: usize,
     /// Bytes of the map file.
     pub bytes: u64,
-    /// Seconds to build it.
+    /// Seconds to build it; 0 for a map that was built before.
     pub build_seconds: f64,
     /// The regions of the map; absent without `--regions`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -375,6 +357,7 @@ impl QueryResult {
     pub fn unsolved(name: &str, scheme: Scheme, score: ScoreKind) -> Self {
         Self {
             name: name.to_owned(),
+            condition: None,
             scheme: scheme.to_string(),
             score: score.to_string(),
             variant: EstimatorVariant::default(),
@@ -383,6 +366,8 @@ impl QueryResult {
             trusted: None,
             state: None,
             doubts: Vec::new(),
+            log_evidence: None,
+            focal: None,
             has_ground_truth: true,
             rotation_error_deg: None,
             translation_error: None,
@@ -417,6 +402,7 @@ impl QueryResult {
     pub(crate) fn judged(mut self, state: State, confidence: &Confidence) -> Self {
         self.trusted = Some(state == State::Trusted);
         self.state = Some(state);
+        self.log_evidence = finite(confidence.log_evidence);
         self.doubts = confidence.doubts().iter().map(ToString::to_string).collect();
         self
     }

@@ -34,8 +34,11 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
     let count = |state| has_trust.then(|| queries.iter().filter(|q| q.state == Some(state)).count());
     let trusted = queries.iter().filter(|q| q.trusted == Some(true));
     let uncertainties: Vec<QueryUncertainty> = trusted.filter_map(|q| q.uncertainty).collect();
+    let deviations: Vec<f64> =
+        queries.iter().filter_map(|q| Some(q.uncertainty?.position_sd.unwrap_or(f64::INFINITY))).collect();
     let first = queries.first();
     SchemeSummary {
+        condition: first.and_then(|q| q.condition.clone()),
         scheme: first.map(|q| q.scheme.clone()).unwrap_or_default(),
         score: first.map(|q| q.score.clone()).unwrap_or_default(),
         variant: first.map(|q| q.variant.clone()).unwrap_or_default(),
@@ -48,6 +51,7 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
         lost: count_by_stage(queries),
         median_rotation_deg: all.median_rotation_deg,
         median_translation: all.median_translation,
+        median_position_sd: finite(median(&deviations)),
         recall: all.recall,
         uncertainty: TrustedUncertainty::of(&uncertainties),
         mean_inlier_ratio: finite(mean(&ratios)),
@@ -56,7 +60,6 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
         sent: SentSummary::of(&queries.iter().filter_map(|q| q.sent).collect::<Vec<_>>()),
         median_ms: all.median_ms,
         per_seed: if per_seed.len() > 1 { per_seed } else { Vec::new() },
-        negatives: None,
     }
 }
 
@@ -74,7 +77,7 @@ fn of_seed(seed: u64, queries: &[&QueryResult], thresholds: &[Threshold]) -> See
     let thresholds = if errors.is_empty() && !queries.is_empty() { &[] } else { thresholds };
     let rotations: Vec<f64> = errors.iter().map(|e| e.rotation_deg).collect();
     let translations: Vec<f64> = errors.iter().map(|e| e.translation).collect();
-    let has_trust = queries.iter().any(|q| q.trusted.is_some());
+    let has_trust = queries.iter().any(|q| q.state.is_some() || q.trusted.is_some());
     SeedSummary {
         seed,
         localized: queries.iter().filter(|q| q.is_localized()).count(),
@@ -105,6 +108,7 @@ pub(crate) mod tests {
     pub(crate) fn query(seed: u64, error: Option<(f64, f64)>) -> QueryResult {
         QueryResult {
             name: "a.jpg".into(),
+            condition: None,
             scheme: "dcl".into(),
             score: "likelihood".into(),
             variant: EstimatorVariant {
@@ -121,6 +125,8 @@ pub(crate) mod tests {
                 None => State::NotFound,
             }),
             doubts: Vec::new(),
+            log_evidence: None,
+            focal: None,
             has_ground_truth: true,
             rotation_error_deg: error.map(|e| e.0),
             translation_error: error.map(|e| e.1),
@@ -227,6 +233,7 @@ pub(crate) mod tests {
         let queries: Vec<&QueryResult> = queries.iter().collect();
         let row = summarize(&queries, &[]).uncertainty.expect("two are trusted");
         assert_eq!((row.coverage["50"], row.center_error_over_sd), (0.5, Some(1.0)));
+        assert_eq!(summarize(&queries, &[]).median_position_sd, Some(0.01));
         assert_eq!(summarize(&queries[2..], &[]).uncertainty, None);
     }
 }

@@ -10,36 +10,32 @@ use crate::results::text_table::{TextTable, length, side_by_side};
 /// Stages in the order of processing; the table's columns.
 pub const STAGES: [&str; 6] = ["extract", "seal", "decode", "retrieve", "match", "pose"];
 
-/// Columns that identify rows: scheme, recipe, score, gravity.
-const NAMES: usize = 4;
+/// Columns that identify rows.
+const NAMES: [&str; 5] = ["condition", "scheme", "recipe", "score", "gravity °"];
 
 /// The summaries as a table, split into several if one would be too wide.
 pub fn table(rows: &[SchemeSummary]) -> String {
-    let thresholds: Vec<&String> = rows.first().map(|r| r.recall.keys().collect()).unwrap_or_default();
-    let block = |columns: Vec<String>| {
-        let names = ["scheme", "recipe", "score", "gravity °"].map(str::to_owned);
-        TextTable::new(names.into_iter().chain(columns), NAMES)
-    };
+    // Out-of-map images have no recall.
+    let recalls = rows.iter().map(|row| &row.recall).max_by_key(|recall| recall.len());
+    let thresholds: Vec<&String> = recalls.map(|recall| recall.keys().collect()).unwrap_or_default();
     let figures = ["hypotheses", "localized", "trusted", "rot °", "trans"].map(str::to_owned);
     let recalls = thresholds.iter().map(|t| format!("≤{t} %"));
-    let mut found = block(figures.into_iter().chain(recalls).chain(["inliers %".to_owned()]).collect());
-    let mut negatives = block(vec!["negatives localized".to_owned(), "negatives trusted".to_owned()]);
+    let mut found = block(figures.into_iter().chain(recalls).chain(["inliers %".to_owned()]));
     let stages = STAGES.iter().map(|stage| format!("{stage} ms"));
-    let mut cost = block(stages.chain(["sealed bytes".to_owned()]).collect());
+    let mut cost = block(stages.chain(["sealed bytes".to_owned()]));
     for row in rows {
         let names = names_of(row, rows);
         let with = |cells: Vec<String>| names.iter().cloned().chain(cells).collect();
         found.push(with(figures_of(row, &thresholds)));
-        negatives.push(with(negatives_of(row)));
         cost.push(with(cost_of(row)));
         if !row.per_seed.is_empty() {
-            let with = |cells: Vec<String>| vec![String::new(); NAMES].into_iter().chain(cells).collect();
+            let with =
+                |cells: Vec<String>| vec![String::new(); NAMES.len()].into_iter().chain(cells).collect();
             found.push(with(spread_of(row, &thresholds)));
-            negatives.push(Vec::new());
             cost.push(with(cost_spread_of(row)));
         }
     }
-    let mut text = side_by_side([found, negatives, cost]);
+    let mut text = side_by_side([found, cost]);
     text += &sent(rows);
     text += &coverage(rows);
     text += &lost(rows);
@@ -57,9 +53,7 @@ pub fn table(rows: &[SchemeSummary]) -> String {
 
 /// Data sent per query; empty if nothing is sealed.
 fn sent(rows: &[SchemeSummary]) -> String {
-    let names = ["scheme", "recipe", "score", "gravity °"].map(str::to_owned);
-    let columns = ["mean rows", "mean bytes", "mean exposed"].map(str::to_owned);
-    let mut table = TextTable::new(names.into_iter().chain(columns), NAMES);
+    let mut table = block(["mean rows", "mean bytes", "mean exposed"].map(str::to_owned));
     for row in rows {
         let Some(sent) = &row.sent else { continue };
         let mut cells = names_of(row, rows);
@@ -80,10 +74,9 @@ fn sent(rows: &[SchemeSummary]) -> String {
 
 /// Coverage of the covariances of trusted poses; empty without data.
 fn coverage(rows: &[SchemeSummary]) -> String {
-    let names = ["scheme", "recipe", "score", "gravity °"].map(str::to_owned);
     let shares = |what: &'static str| REGIONS.iter().map(move |region| format!("{what} {region} %"));
     let columns = ["trusted".to_owned()].into_iter().chain(shares("centre")).chain(shares("pose"));
-    let mut table = TextTable::new(names.into_iter().chain(columns).chain(["error / ±".to_owned()]), NAMES);
+    let mut table = block(columns.chain(["error / ±".to_owned()]));
     let mut known = false;
     for row in rows {
         let Some(uncertainty) = &row.uncertainty else { continue };
@@ -102,7 +95,8 @@ fn coverage(rows: &[SchemeSummary]) -> String {
     }
     format!(
         "\nOf the trusted poses, the share whose true camera centre and pose lie in the region of the covariance that\n\
-         should hold 50, 90 and 99 % (in percent), and the median error of the centre over its ±.\n\n{}",
+         should hold 50, 90 and 99 % (in percent), the median error of the centre over its ±,\n\
+         and the median ± of all poses.\n\n{}",
         table.render()
     )
 }
@@ -112,9 +106,7 @@ fn lost(rows: &[SchemeSummary]) -> String {
     if rows.iter().all(|row| row.lost.is_empty()) {
         return String::new();
     }
-    let names = ["scheme", "recipe", "score", "gravity °"].map(str::to_owned);
-    let columns = ["lost", "retrieval", "matching", "search", "objective"].map(str::to_owned);
-    let mut table = TextTable::new(names.into_iter().chain(columns), NAMES);
+    let mut table = block(["lost", "retrieval", "matching", "search", "objective"].map(str::to_owned));
     for row in rows {
         let mut cells = names_of(row, rows);
         cells.push(row.lost.values().sum::<usize>().to_string());
@@ -130,14 +122,26 @@ fn lost(rows: &[SchemeSummary]) -> String {
     )
 }
 
+/// A table with the names of rows and these columns.
+fn block(columns: impl IntoIterator<Item = String>) -> TextTable {
+    TextTable::new(NAMES.map(str::to_owned).into_iter().chain(columns), NAMES.len())
+}
+
 fn names_of(row: &SchemeSummary, rows: &[SchemeSummary]) -> Vec<String> {
-    // The name of an estimator implies its score.
+    let has_conditions = rows.iter().any(|r| r.condition.is_some());
+    // The name of an estimator implies its score; beside conditions there is no room for one that all rows share.
     let (recipe, score) = if rows.iter().any(|other| other.variant.recipe != rows[0].variant.recipe) {
         (row.variant.recipe.clone().unwrap_or_default(), String::new())
+    } else if has_conditions {
+        (String::new(), String::new())
     } else {
         (String::new(), row.score.clone())
     };
-    vec![row.scheme.clone(), recipe, score, row.variant.gravity.clone().unwrap_or_default()]
+    let condition = match &row.condition {
+        None if has_conditions => "none".to_owned(),
+        condition => condition.clone().unwrap_or_default(),
+    };
+    vec![condition, row.scheme.clone(), recipe, score, row.variant.gravity.clone().unwrap_or_default()]
 }
 
 fn figures_of(row: &SchemeSummary, thresholds: &[&String]) -> Vec<String> {
@@ -168,13 +172,6 @@ fn figures_of(row: &SchemeSummary, thresholds: &[&String]) -> Vec<String> {
     cells.extend(thresholds.iter().map(|t| number(row.recall.get(*t).map(|r| 100.0 * r), 1)));
     cells.push(if one_seed { number(row.mean_inlier_ratio.map(|r| 100.0 * r), 1) } else { String::new() });
     cells
-}
-
-fn negatives_of(row: &SchemeSummary) -> Vec<String> {
-    let share = |count: usize, of: usize| format!("{count}/{of}");
-    row.negatives
-        .map(|s| vec![share(s.localized, s.queries), share(s.trusted, s.queries)])
-        .unwrap_or_default()
 }
 
 /// The fixed number, or the number at which the adaptive search stopped.
@@ -261,7 +258,7 @@ fn number(value: Option<f64>, digits: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::results::document::{NegativeSummary, SentSummary};
+    use crate::results::document::SentSummary;
     use crate::results::summary::{summarize, tests::query};
     use crate::results::text_table::WIDTH;
 
@@ -282,7 +279,7 @@ mod tests {
             ["dcl", "likelihood", "~100", "1/3", "1", "—", "—", "33.3", "33.3", "50.0", "5.0", "1000"]
         );
         assert!(
-            !text.contains("gravity") && !text.contains("recipe") && !text.contains("negatives"),
+            !text.contains("gravity") && !text.contains("recipe") && !text.contains("condition"),
             "{text}"
         );
         assert!(lines[..3].iter().all(|l| l.chars().count() == lines[1].chars().count()), "{text}");
@@ -326,15 +323,29 @@ mod tests {
     }
 
     #[test]
+    fn conditions_are_named_and_fit() {
+        let mut rows = vec![row(&[(0, Some((0.1, 0.01)))]); 2];
+        for row in &mut rows {
+            (row.scheme, row.variant.recipe) = ("coordinate-permutation".to_owned(), None);
+        }
+        rows[1].condition = Some("low-resolution".to_owned());
+        rows[1].recall.clear();
+        let text = table(&rows);
+        assert!(text.lines().all(|l| l.chars().count() <= WIDTH), "{text}");
+        let names: Vec<_> = text.lines().skip(2).take(2).map(|l| l.split_whitespace().next()).collect();
+        assert_eq!(names, [Some("none"), Some("low-resolution")]);
+        assert!(text.contains("≤0.25/2 %") && !text.contains("likelihood"), "{text}");
+    }
+
+    #[test]
     fn many_stages_have_their_own_table() {
         let mut wide = row(&[(0, Some((0.1, 0.01)))]);
         wide.scheme = "coordinate-permutation".to_owned();
         wide.median_ms = STAGES.iter().map(|s| ((*s).to_owned(), 12.3)).collect();
-        wide.negatives = Some(NegativeSummary { queries: 25, localized: 3, trusted: 0 });
         let text = table(&[wide]);
-        assert_eq!(text.matches("coordinate-permutation").count(), 3, "{text}");
-        assert_eq!(text.matches("──\n").count(), 3, "{text}");
+        assert_eq!(text.matches("coordinate-permutation").count(), 2, "{text}");
+        assert_eq!(text.matches("──\n").count(), 2, "{text}");
         assert!(text.lines().all(|l| l.chars().count() <= WIDTH), "{text}");
-        assert!(text.contains("3/25") && text.contains("0/25") && text.contains("likelihood"), "{text}");
+        assert!(text.contains("likelihood"), "{text}");
     }
 }

@@ -1,17 +1,24 @@
-//! One query of a scene: sealed once per scheme, and again with gravity if requested; localized by every estimator.
+//! One query of a scene under every condition of single images: sealed once per condition and scheme, localized by
+//! every estimator.
 
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::path::Path;
 use std::time::Instant;
 
-use crate::results::{EstimatorVariant, LossStage, QueryResult};
-use veiloc_obfuscation::audit::options_for;
+use veiloc_features::{Features, Image, load_gray, load_mask};
+use veiloc_geometry::Intrinsics;
+use veiloc_obfuscation::{SealOptions, extract_loaded};
 use veiloc_pose::State;
-use veiloc_protocol::Scheme;
+use veiloc_protocol::{Profile, Scheme, SizeClass};
 
+use super::case::{Case, Maps};
+use super::degrade::Degradation;
+use super::from_truth::from_truth;
 use super::options::SceneEvaluation;
 use crate::error::EvalError;
-use crate::pipeline::{
-    EvaluatedQuery, ServedMap, SimulatedGravity, extract_features, localize_sent, seal_query, with_extractors,
-};
+use crate::pipeline::{EvaluatedQuery, localize_sent, seal_query};
+use crate::results::{LossStage, QueryResult};
 
 /// Whether a pose is within no threshold, or is missing.
 fn is_lost(result: &QueryResult, evaluation: &SceneEvaluation) -> bool {
@@ -20,43 +27,106 @@ fn is_lost(result: &QueryResult, evaluation: &SceneEvaluation) -> bool {
         && !evaluation.thresholds.iter().any(|threshold| error.within(threshold))
 }
 
-/// The results of a query, in the order of the table's rows.
-pub(super) fn localize_query(
-    served: &ServedMap<'_>,
+/// What a device extracts from an image.
+pub(super) struct Extracted {
+    pub(super) features: Features,
+    /// The camera of the image.
+    pub(super) camera: Intrinsics,
+    /// Milliseconds, without those of the degradation.
+    ms: f64,
+}
+
+/// Extracts the features of a query.
+pub(super) fn extracted(
     query: &EvaluatedQuery,
-    gravity_source: Option<&SimulatedGravity>,
+    degradation: Option<Degradation>,
+    mask: Option<&Path>,
+    profile: &Profile,
+    evaluation: &SceneEvaluation,
+) -> Result<Extracted, EvalError> {
+    let started = Instant::now();
+    let gray = load_gray(&query.path)?;
+    let loading = started.elapsed();
+    let gray = match degradation {
+        Some(degradation) => degradation.applied(&gray, &query.name, evaluation.seed),
+        None => gray,
+    };
+    let started = Instant::now();
+    let image = match mask {
+        Some(mask) => Image::from(gray).without(&load_mask(mask)?)?,
+        None => Image::from(gray),
+    };
+    let options = evaluation.seal_options(Scheme::default());
+    let (features, camera) = extract_loaded(image, &query.path, &query.camera, profile, &options)?;
+    Ok(Extracted { features, camera, ms: (loading + started.elapsed()).as_secs_f64() * 1e3 })
+}
+
+/// The device's sealing options under a condition, without gravity.
+pub(super) fn seal_options(case: &Case, scheme: Scheme, evaluation: &SceneEvaluation) -> SealOptions {
+    let options = evaluation.seal_options(scheme);
+    if case.condition.few_keypoints {
+        options.with_max_keypoints(SizeClass::SMALLEST.rows())
+    } else {
+        options
+    }
+}
+
+/// The results of a query, in the order of the table's rows of each condition.
+pub(super) fn localize_query(
+    maps: &Maps<'_>,
+    query: &EvaluatedQuery,
+    cases: &[&Case],
+    evaluation: &SceneEvaluation,
+) -> Result<Vec<Vec<QueryResult>>, EvalError> {
+    // Conditions that do not change the image share its features: all maps have the same profile.
+    let mut known: BTreeMap<Option<Degradation>, Extracted> = BTreeMap::new();
+    let mut results = Vec::new();
+    for case in cases {
+        let mask = evaluation.mask_of(&query.name).filter(|_| !case.condition.negatives);
+        let degradation = case.condition.image;
+        let extracted = match known.entry(degradation) {
+            Entry::Occupied(there) => there.into_mut(),
+            Entry::Vacant(free) => {
+                let profile = maps.whole.whole().profile();
+                free.insert(extracted(query, degradation, mask.as_deref(), profile, evaluation)?)
+            }
+        };
+        results.push(localize_under(maps, query, case, extracted, evaluation)?);
+    }
+    Ok(results)
+}
+
+fn localize_under(
+    maps: &Maps<'_>,
+    query: &EvaluatedQuery,
+    case: &Case,
+    extracted: &Extracted,
     evaluation: &SceneEvaluation,
 ) -> Result<Vec<QueryResult>, EvalError> {
+    let served = maps.under(&case.condition);
     let profile = served.whole().profile();
-    let seal_options = |scheme| {
-        with_extractors(options_for(scheme), &evaluation.build.extractors, evaluation.build.global.as_ref())
-    };
-    let extraction = seal_options(Scheme::default());
-    let started = Instant::now();
-    let mask = evaluation.mask_of(&query.name);
-    let (features, camera) =
-        extract_features(&query.path, mask.as_deref(), &query.camera, profile, &extraction)?;
-    let extract_ms = started.elapsed().as_secs_f64() * 1e3;
-    let variants: Vec<_> =
-        SimulatedGravity::variants(gravity_source, &query.name, query.truth.as_ref(), evaluation.seed)
-            .collect();
+    let camera = case.assumed_camera(&extracted.camera, &query.name, evaluation.seed)?;
     let mut results = Vec::new();
-    for (scheme, gravity) in evaluation.schemes.iter().flat_map(|s| variants.iter().map(move |g| (s, *g))) {
+    for scheme in &evaluation.schemes {
         let started = Instant::now();
-        let options = seal_options(*scheme).with_gravity(gravity);
-        let sealed = seal_query(&features, &camera, profile, &options, &query.name, evaluation.seed);
+        let options = seal_options(case, *scheme, evaluation)
+            .with_focal(query.focal)
+            .with_gravity(case.gravity_of(query, evaluation.seed));
+        let sealed =
+            seal_query(&extracted.features, &camera, profile, &options, &query.name, evaluation.seed);
         let seal_ms = started.elapsed().as_secs_f64() * 1e3;
+        let mut of_scheme = Vec::new();
         for estimator in &evaluation.estimators {
+            let localize = &estimator.localize;
             let mut result = match &sealed {
                 Ok(sent) => {
-                    let mut result = localize_sent(
-                        served,
-                        &sent.bytes,
-                        query,
-                        *scheme,
-                        evaluation.transmission,
-                        &estimator.localize,
-                    );
+                    let transmission = evaluation.transmission;
+                    let (mut result, was_trusted) =
+                        localize_sent(served, &sent.bytes, query, *scheme, transmission, localize);
+                    // A trusted pose of any step is a false positive, whatever the last one is.
+                    if case.condition.negatives && was_trusted {
+                        (result.trusted, result.state) = (Some(true), Some(State::Trusted));
+                    }
                     if let Some(truth) = query.truth.as_ref().filter(|_| is_lost(&result, evaluation)) {
                         result.lost_in = LossStage::of(
                             sent,
@@ -76,19 +146,23 @@ pub(super) fn localize_query(
                     unsealed
                 }
             };
-            result.variant = EstimatorVariant {
-                gravity: gravity_source.map(|gravity_source| match gravity {
-                    None => "none".to_owned(),
-                    Some(_) => gravity_source.noise().to_string(),
-                }),
-                ..estimator.variant()
-            };
-            result.seed = evaluation.seed;
-            result.ms.insert("extract".to_owned(), extract_ms);
+            result.variant = estimator.variant();
+            result.ms.insert("extract".to_owned(), extracted.ms);
             result.ms.insert("seal".to_owned(), seal_ms);
             result.sealed_bytes = Some(sealed.as_ref().map_or(0, |sent| sent.bytes.len()));
-            results.push(result);
+            of_scheme.push(result);
         }
+        if let (Some(radius_px), Some(truth)) = (evaluation.from_truth, &query.truth) {
+            let sealed = sealed.as_ref().map_err(|error| error as &dyn std::error::Error);
+            let name = &query.name;
+            of_scheme.extend(from_truth(sealed, name, truth, served.whole(), *scheme, evaluation, radius_px));
+        }
+        results.extend(of_scheme.into_iter().map(|result| QueryResult {
+            condition: case.condition.name(),
+            seed: evaluation.seed,
+            focal: case.condition.negatives.then(|| query.focal.to_string()),
+            ..result
+        }));
     }
     Ok(results)
 }

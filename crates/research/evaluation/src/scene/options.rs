@@ -3,15 +3,20 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use veiloc_features::FeatureError;
 use veiloc_geometry::Intrinsics;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::PosedImages;
 use veiloc_map::regions::SplitOptions;
 use veiloc_mapping::{BuildOptions, Input, OnOtherFrame, image_file, mask_file};
-use veiloc_protocol::Scheme;
+use veiloc_obfuscation::audit::options_for;
+use veiloc_obfuscation::{KnownCamera, SealOptions};
+use veiloc_pose::ScoreKind;
+use veiloc_protocol::{FocalKnowledge, Scheme};
 
+use super::condition::Condition;
 use crate::error::EvalError;
-use crate::pipeline::{EvaluatedQuery, GravityNoise, PosedQuery, QueryTransmission, queries_of_scene};
+use crate::pipeline::{EvaluatedQuery, PosedQuery, QueryTransmission, queries_of_scene, with_extractors};
 use crate::pose::Estimator;
 use crate::results::metrics::Threshold;
 
@@ -47,20 +52,26 @@ pub struct SceneEvaluation {
     pub estimators: Vec<Estimator>,
     /// Thresholds of the recall columns.
     pub thresholds: Vec<Threshold>,
-    /// Standard deviation of an accelerometer, degrees: the map gets a down direction, and every query is sealed
-    /// without and with gravity. `None`: no gravity.
-    pub gravity: Option<GravityNoise>,
+    /// Conditions of the queries, in the order of the table.
+    pub conditions: Vec<Condition>,
+    /// Whether each condition also has rows of estimates that start from the true pose: the estimator's own optimum, and
+    /// least squares on the true matches. The largest reprojection error of a true match, pixels; `None`: no such rows.
+    pub from_truth: Option<f64>,
+    /// Odometry of images that are localized together.
+    pub odometry: Odometry,
     /// Folder of the queries' masks ([`veiloc_mapping::mask_file`]): masked keypoints are not sent. `None`: no masks.
     pub masks: Option<PathBuf>,
     /// How queries are sent.
     pub transmission: QueryTransmission,
-    /// Queries of another scene, which must not be localized.
-    pub negatives: Option<NegativeQueryImages>,
+    /// Out-of-map images of the condition `negatives`, which must not be localized.
+    pub negatives: Vec<NegativeImage>,
+    /// A map that is used as it is, if all queries are out-of-map images; `None`: the map is built.
+    pub map: Option<PathBuf>,
     /// Seed of sealing and sampling.
     pub seed: u64,
     /// Folder for intermediate results: the map, and the result of each query as soon as it is finished. An
-    /// evaluation of the same images with the same options reuses them, also after an interruption. `None`: nothing
-    /// is stored.
+    /// evaluation of the same images with the same options reuses them, also after an interruption. Results of images
+    /// that are localized together are not stored. `None`: nothing is stored.
     pub work: Option<PathBuf>,
     /// Queries that are localized in parallel, at least 1. With more than one, times are those of a busy machine.
     pub jobs: usize,
@@ -90,10 +101,13 @@ impl SceneEvaluation {
             schemes: vec![Scheme::default()],
             estimators: vec![Estimator::default()],
             thresholds: Vec::new(),
-            gravity: None,
+            conditions: vec![Condition::NONE],
+            from_truth: None,
+            odometry: Odometry::default(),
             masks: None,
             transmission: QueryTransmission::Whole,
-            negatives: None,
+            negatives: Vec::new(),
+            map: None,
             seed: 0,
             work: None,
             jobs: 1,
@@ -120,24 +134,99 @@ impl SceneEvaluation {
         self.masks.as_deref().map(|folder| mask_file(folder, name))
     }
 
-    /// The queries without known poses.
-    pub(super) fn unposed(&self) -> impl Iterator<Item = EvaluatedQuery> {
-        self.unposed.iter().map(|(name, camera)| EvaluatedQuery {
+    /// The queries: those with known poses, which must not be in the map, then the others.
+    pub(super) fn all_queries(&self) -> Result<Vec<EvaluatedQuery>, EvalError> {
+        let unposed = self.unposed.iter().map(|(name, camera)| EvaluatedQuery {
             name: name.clone(),
             path: image_file(&self.images, name),
             camera: *camera,
+            focal: FocalKnowledge::Calibrated,
             truth: None,
-        })
+        });
+        Ok(self.queries()?.into_iter().map(EvaluatedQuery::from).chain(unposed).collect())
+    }
+
+    /// The options with which a device seals under a scheme.
+    pub(super) fn seal_options(&self, scheme: Scheme) -> SealOptions {
+        with_extractors(options_for(scheme), &self.build.extractors, self.build.global.as_ref())
+    }
+
+    /// Refuses options that exclude each other, before anything is computed.
+    pub(super) fn check(&self) -> Result<(), EvalError> {
+        let refuse = |what: &str| Err(EvalError::Options(what.to_owned()));
+        let any = |of: fn(&Condition) -> bool| self.conditions.iter().any(of);
+        if self.schemes.is_empty() || self.conditions.is_empty() {
+            return refuse("no scheme or condition to evaluate");
+        }
+        if (1..self.conditions.len()).any(|at| self.conditions[..at].contains(&self.conditions[at])) {
+            return refuse("a condition occurs twice; give each once");
+        }
+        if any(|condition| condition.negatives) == self.negatives.is_empty() {
+            return refuse("out-of-map images are given with a condition `negatives`, and only with it");
+        }
+        if self.map.is_some() && any(|condition| !condition.negatives || condition.sparse_map) {
+            return refuse("a map that is built already has only the condition `negatives`");
+        }
+        if !any(|condition| condition.frames.is_some()) {
+            return Ok(());
+        }
+        if self.estimators.len() > 1 || self.estimators[0].score() != ScoreKind::Likelihood {
+            return refuse("images together are localized by one estimator, which uses the likelihood");
+        }
+        if self.regions.is_some() || self.transmission != QueryTransmission::Whole {
+            return refuse("images together are localized in one map, and sent whole");
+        }
+        let Odometry { rotation_sd_deg, translation_sd, max_distance } = self.odometry;
+        if ![rotation_sd_deg, translation_sd, max_distance]
+            .iter()
+            .all(|value| value.is_finite() && *value >= 0.0)
+        {
+            return refuse("noise and distances of odometry must not be below 0");
+        }
+        Ok(())
     }
 }
 
-/// Queries of another scene.
+/// Simulated odometry of a device, and where its trajectories end.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Odometry {
+    /// Standard deviation of the rotation about each axis per step, degrees.
+    pub rotation_sd_deg: f64,
+    /// Standard deviation of the translation along each axis per step, map units.
+    pub translation_sd: f64,
+    /// Images farther apart than this belong to different trajectories, map units.
+    pub max_distance: f64,
+}
+
+impl Default for Odometry {
+    /// A phone's in metres: 0.1° and 1 cm a step.
+    fn default() -> Self {
+        Self { rotation_sd_deg: 0.1, translation_sd: 0.01, max_distance: 0.5 }
+    }
+}
+
+/// An out-of-map image.
 #[derive(Debug, Clone)]
-pub struct NegativeQueryImages {
-    /// Images of the other scene; only their cameras are used.
-    pub posed: PosedImages,
-    /// Folder of its images.
-    pub images: PathBuf,
-    /// Names of the query images.
-    pub list: Vec<String>,
+pub struct NegativeImage {
+    /// Name in the results.
+    pub name: String,
+    /// Its file.
+    pub path: PathBuf,
+    /// Its camera, if known; otherwise that of its EXIF metadata, or an assumed one, which the query says.
+    pub camera: Option<Intrinsics>,
+}
+
+impl NegativeImage {
+    /// The query. An unknown camera cannot make its pose worse, since no pose is right.
+    pub(super) fn query(&self) -> Result<EvaluatedQuery, EvalError> {
+        let known = match self.camera {
+            Some(camera) => KnownCamera::calibrated(camera),
+            None => match KnownCamera::from_exif(&self.path) {
+                Err(FeatureError::NoFocal { .. }) => KnownCamera::guessed(&self.path)?,
+                other => other?,
+            },
+        };
+        let KnownCamera { intrinsics: camera, focal } = known;
+        Ok(EvaluatedQuery { name: self.name.clone(), path: self.path.clone(), camera, focal, truth: None })
+    }
 }

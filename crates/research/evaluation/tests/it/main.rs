@@ -3,6 +3,6 @@
 mod audit;
 mod inversion;
 mod privacy;
+mod real_conditions;
 mod real_regions;
 mod real_scenes;
-mod real_stress;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use veiloc_evaluation::pose::{Estimator, PoseEvaluation, evaluate_poses};
 use veiloc_evaluation::results::{EvaluationDocument, LossStage, SchemeSummary};
-use veiloc_evaluation::{NegativeQueryImages, SceneEvaluation, evaluate_scene};
+use veiloc_evaluation::{SceneEvaluation, evaluate_scene};
 use veiloc_map::colmap::read_posed;
 use veiloc_protocol::Scheme;
 use veiloc_testdata::real_data_test;
@@ -50,25 +50,6 @@ fn redkitchen_is_localized_under_every_scheme(data: &Path) {
     assert_recall(&result, "dcl", 0.9, 0.025);
     let map = result.map.expect("a map was built");
     assert!(map.points > 3000, "{} points", map.points);
-}
-
-/// Images of a church door in the map of a kitchen: no pose may be trusted.
-#[real_data_test]
-fn queries_of_another_scene_are_not_trusted(data: &Path) {
-    let kitchen = data.join("redkitchen");
-    let mut evaluation = scene(&data.join("herzjesu"), 1, &["points", "random-lines", "dcl"]);
-    evaluation.negatives = Some(NegativeQueryImages {
-        posed: read_posed(&kitchen.join("posed")).expect("poses of the data"),
-        images: kitchen.join("images"),
-        list: names(&kitchen.join("query.txt")).into_iter().step_by(8).collect(),
-    });
-    let result = evaluate_scene(&evaluation, &()).expect("evaluated");
-    for summary in &result.schemes {
-        let negatives = summary.negatives.expect("there were some");
-        assert_eq!((negatives.queries, negatives.trusted), (4, 0), "{}", summary.scheme);
-        assert_eq!(summary.trusted, Some(2), "{}: own queries", summary.scheme);
-    }
-    assert_eq!(result.negatives.len(), 12);
 }
 
 #[real_data_test]

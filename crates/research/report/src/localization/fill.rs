@@ -20,42 +20,36 @@ use crate::page::Card;
 const MAX_POINTS: usize = 24_000;
 
 /// Fields that distinguish methods.
-type Key<'a> = (Option<&'a str>, &'a str, Option<&'a str>, Option<&'a str>);
+type Key<'a> = (Option<&'a str>, &'a str, Option<&'a str>);
 
 impl LocalizationReport {
-    /// Adds a scene with its part of a document: methods and queries, each with its condition if the data set has
-    /// conditions. `truth` returns the true pose of a query, if known.
+    /// Adds a scene with its part of a document: methods and queries. `truth` returns the true pose of a query, if known.
     pub fn add_scene<'a>(
         &mut self,
         view: SceneView,
-        methods: impl IntoIterator<Item = (Option<&'a str>, &'a SchemeSummary)>,
-        queries: impl IntoIterator<Item = (Option<&'a str>, &'a QueryResult)>,
+        methods: impl IntoIterator<Item = &'a SchemeSummary>,
+        queries: impl IntoIterator<Item = &'a QueryResult>,
         truth: &dyn Fn(&str) -> Option<CameraFromWorld>,
     ) {
         let scene = self.scenes.len();
         self.scenes.push(view);
         let methods: Vec<_> = methods.into_iter().collect();
         let recipe_of = |summary: &'a SchemeSummary| summary.variant.recipe.as_deref();
-        let several = methods.iter().any(|(_, summary)| recipe_of(summary) != recipe_of(methods[0].1));
+        let several = methods.iter().any(|summary| recipe_of(summary) != recipe_of(methods[0]));
         let mut keys: Vec<(Key<'a>, usize)> = Vec::new();
-        for (condition, summary) in methods {
-            let gravity = summary.variant.gravity.as_deref();
-            keys.push(((condition, &summary.scheme, recipe_of(summary), gravity), self.methods.len()));
-            let recipe = recipe_of(summary).filter(|_| several).map(str::to_owned);
-            let variant: Vec<String> =
-                recipe.into_iter().chain(gravity.map(|gravity| format!("gravity {gravity}"))).collect();
+        for summary in methods {
+            let key = (summary.condition.as_deref(), summary.scheme.as_str(), recipe_of(summary));
+            keys.push((key, self.methods.len()));
             self.methods.push(Method {
                 scene,
-                condition: condition.map(str::to_owned),
+                condition: summary.condition.clone(),
                 scheme: summary.scheme.clone(),
-                variant: variant.join(", "),
+                variant: recipe_of(summary).filter(|_| several).unwrap_or_default().to_owned(),
                 summary: Some(summary.clone()),
             });
         }
-        for (condition, result) in queries {
-            let gravity = result.variant.gravity.as_deref();
-            let recipe = result.variant.recipe.as_deref();
-            let key = (condition, result.scheme.as_str(), recipe, gravity);
+        for result in queries {
+            let key = (result.condition.as_deref(), result.scheme.as_str(), result.variant.recipe.as_deref());
             let Some((_, method)) = keys.iter().find(|(known, _)| *known == key) else { continue };
             self.outcomes.push(QueryOutcome::of(result, *method, truth(&result.name)));
         }

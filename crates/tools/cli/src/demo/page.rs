@@ -46,10 +46,8 @@ pub(crate) fn page(
         facts: facts(evaluation, options),
         ..LocalizationReport::default()
     };
-    let methods = evaluation.schemes.iter().map(|row| (None, row));
-    let queries = evaluation.queries.iter().map(|query| (None, query));
     let view = SceneView { up: Some([0.0, 0.0, 1.0]), ..SceneView::of_map("", map) };
-    run.add_scene(view, methods, queries, &|name| scene.pose_of(name));
+    run.add_scene(view, &evaluation.schemes, &evaluation.queries, &|name| scene.pose_of(name));
     let shown = scene.query_list.first().cloned();
     let mut names: Vec<String> = shown.into_iter().collect();
     for (_, name) in worst_first(&run.methods, &run.outcomes).into_iter().take(DRAWN) {

@@ -10,7 +10,7 @@ use schemars::generate::SchemaSettings;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde_json::Value;
 use utoipa::ToSchema as _;
-use veiloc_evaluation::{audit, inversion, privacy, results, stress};
+use veiloc_evaluation::{audit, inversion, privacy, results};
 use veiloc_protocol::AnswerDocument;
 
 use self::page::Page;
@@ -34,8 +34,6 @@ pub fn json_reference() -> Result<String, String> {
     page.section("token list", &schema::<commands::token::ListDocument>());
     page.section("query send", &schema::<commands::query::send::Document>());
     page.section("eval scene", &schema::<results::EvaluationDocument>());
-    page.section("eval stress", &schema::<stress::StressDocument>());
-    page.section("eval negatives", &schema::<commands::eval::negatives::NegativesDocument>());
     page.section("eval dataset", &schema::<results::DataSetEvaluation>());
     page.section("eval sessions", &schema::<privacy::sessions::SessionsDocument>());
     page.section("eval adversaries", &schema::<privacy::adversaries::AdversariesDocument>());

@@ -29,24 +29,20 @@ const COMMANDS: &[(&str, &str)] = &[
     ),
     (
         "eval scene",
-        "eval rig --posed posed --images images --map-list map.txt --query-list queries.txt {few} --max-distance 9 \
-         --frames 1,2 --schemes dcl --json",
+        "eval scene --posed posed --images images --map-list map.txt --query-list queries.txt {few} --max-distance 9 \
+         --conditions half-hidden,sparse-map,frames:2 --optimum --schemes dcl --json",
+    ),
+    (
+        "eval scene",
+        "eval scene --map place.vmap --conditions negatives --negatives images --negatives-list foreign.txt \
+         --schemes points,dcl --json",
     ),
     ("eval scene", "eval pose p.jsonl --schemes points,dcl --estimator default,floor --seeds 2 --json"),
-    (
-        "eval stress",
-        "eval stress --posed posed --images images --map-list map.txt --query-list queries.txt {few} --optimum \
-         --schemes dcl --stress half-hidden,sparse-map --json",
-    ),
     (
         "eval dataset",
         "eval dataset 7scenes --root 7scenes --poses depth --schemes points,dcl --jobs 1 {few} --json",
     ),
     ("eval dataset", "eval dataset aachen --root aachen --schemes dcl {few} --json"),
-    (
-        "eval negatives",
-        "eval negatives --map place.vmap --images images --schemes points,dcl --list foreign.txt --json",
-    ),
     (
         "eval adversaries",
         "eval adversaries --posed posed --images images --map-list map.txt --query-list queries.txt {few} \
@@ -76,10 +72,7 @@ fn ready() -> &'static TestScene {
     READY.call_once(|| {
         scene.seal("query-0.png", "dcl", "good.vquery");
         scene.write("five.txt", "map-00.png\nmap-01.png\nmap-02.png\nmap-03.png\nmap-04.png\n");
-        scene.write(
-            "foreign.txt",
-            format!("query-0.png {}\nmap-00.png\nno-such.png\n", CAMERA.replace(',', " ")),
-        );
+        scene.write("foreign.txt", format!("query-0.png {}\nmap-00.png\n", CAMERA.replace(',', " ")));
         scene.run("map split place.vmap --images 6 --out published-regions").succeeded();
         scene.run("map publish published-regions storage").succeeded();
         for layout in ["7scenes", "aachen"] {

@@ -1,63 +1,15 @@
-//! `veiloc eval scene` with queries of another scene, which must not be localized.
+//! `veiloc eval scene`: progressive queries, covariances, and problems for `eval pose`.
 
 use super::common;
 
-use common::{render_out_of_map_images, scene};
-
-const NEGATIVES: usize = 2;
+use common::scene;
 
 const SCENE: &str = "eval scene --posed posed --images images --map-list map.txt --query-list queries.txt \
                      --max-keypoints 1024 --query-keypoints 1024 --schemes points,dcl";
 
 #[test]
-fn negatives_are_counted_and_not_trusted() {
-    let scene = scene();
-    render_out_of_map_images(NEGATIVES);
-    let negatives =
-        "--negatives-posed other/posed --negatives-images other/images --negatives-list other/list.txt";
-    let run = scene.run(&format!("{SCENE} {negatives} --json scene.json")).succeeded();
-    assert!(run.stdout.contains("negatives localized") && run.stdout.contains("negatives trusted"), "{run}");
-    let document: serde_json::Value = serde_json::from_slice(&scene.read("scene.json")).expect("a document");
-    for row in document["schemes"].as_array().expect("an array") {
-        assert_eq!(row["negatives"]["queries"], NEGATIVES, "{row}");
-        assert_eq!(row["negatives"]["trusted"], 0, "{row}");
-        assert!(row["trusted"].as_u64().is_some_and(|n| n >= 2), "own queries are trusted: {row}");
-        assert_eq!(row["prior"], true, "{row}");
-    }
-    let each = document["negatives"].as_array().expect("an array");
-    assert_eq!(each.len(), 2 * NEGATIVES);
-    assert!(each.iter().all(|s| s["localized"].is_boolean() && s["trusted"] == false), "{each:?}");
-
-    let cases: &[(&str, i32, &[&str])] = &[
-        ("--negatives-posed other/posed", 2, &["--negatives-images", "--negatives-list"]),
-        ("--negatives-list other/list.txt", 2, &["--negatives-posed"]),
-        (
-            "--negatives-posed posed --negatives-images images --negatives-list queries.txt",
-            1,
-            &["negatives", "another scene"],
-        ),
-        (
-            "--negatives-posed other/posed --negatives-images other/images --negatives-list map.txt",
-            1,
-            &["map-00.png", "no pose"],
-        ),
-    ];
-    for (arguments, code, expected_words) in cases {
-        let run = scene.run(&format!("{SCENE} {arguments}"));
-        assert_eq!(run.code, Some(*code), "{run}");
-        assert!(
-            run.stdout.is_empty() && expected_words.iter().all(|word| run.stderr.contains(word)),
-            "{run}"
-        );
-    }
-}
-
-#[test]
 fn progressive_queries_send_fewer_rows_for_the_same_pose() {
     let scene = scene();
-    render_out_of_map_images(NEGATIVES);
-    let negatives =
-        "--negatives-posed other/posed --negatives-images other/images --negatives-list other/list.txt";
     let rows = |more: &str| {
         let run = scene.run(&format!("{SCENE} {more} --json steps.json")).succeeded();
         assert!(run.stdout.contains("mean rows") && run.stdout.contains("mean exposed"), "{run}");
@@ -69,7 +21,7 @@ fn progressive_queries_send_fewer_rows_for_the_same_pose() {
         document["schemes"].as_array().expect("an array").clone()
     };
     let whole = rows("");
-    let steps = rows(&format!("--progressive {negatives}"));
+    let steps = rows("--progressive");
     let exact = rows("--progressive --accuracy 1e-9");
     for ((whole, steps), exact) in whole.iter().zip(&steps).zip(&exact) {
         let of = |row: &serde_json::Value, name: &str| row[name].as_f64().expect("a number");
@@ -81,7 +33,6 @@ fn progressive_queries_send_fewer_rows_for_the_same_pose() {
         );
         assert!(of(steps, "mean_exposed") < of(whole, "mean_exposed"), "{steps}");
         assert_eq!(steps["localized"], whole["localized"]);
-        assert_eq!(steps["negatives"]["trusted"], 0, "{steps}");
         // This accuracy is unreachable: every byte of every step counts, and the pose is that of all rows.
         assert_eq!(of(exact, "mean_rows"), 1024.0);
         assert!(of(exact, "mean_bytes") > 1.5 * of(whole, "mean_bytes"), "{exact}");

@@ -40,10 +40,10 @@ fn a_described_network_maps_seals_and_localizes() {
     let attacked = scene.run(&format!("{audit} {features} -o corners.html")).succeeded().json();
     let built_in = scene.run(&format!("{audit} -o built-in.html"));
     assert_ne!(attacked["inputs"]["attacks"], built_in.succeeded().json()["inputs"]["attacks"]);
-    let out_of_map = "eval negatives --map corners.vmap --images images --schemes dcl";
+    let out_of_map = "eval scene --map corners.vmap --conditions negatives --negatives images --schemes dcl";
     let negatives = scene.run(&format!("{out_of_map} {features} --json")).succeeded().json();
-    assert!(negatives["rows"][0]["negatives"].as_u64() > Some(0), "{negatives}");
-    refused(scene, out_of_map, &["unknown feature type \"corners\""]);
+    assert!(negatives["schemes"][0]["queries"].as_u64() > Some(0), "{negatives}");
+    refused(scene, out_of_map, &["no extractor for features of kind corners"]);
 
     // `corners` without a description; another kind than the map's; compact rows for a map of corners.
     refused(scene, &format!("{seal} -o none.vquery"), &["unknown feature type \"corners\"", "xfeat"]);
@@ -133,10 +133,10 @@ fn l14_whole_image_descriptor_needs_consent() {
     assert_eq!(found["queries"][0]["status"], "localized", "{found}");
 
     // The user's own out-of-map images need no consent.
-    let out_of_map = "eval negatives --map whole.vmap --images images --schemes dcl";
-    refused(scene, out_of_map, &["\"corner-map\""]);
+    let out_of_map = "eval scene --map whole.vmap --conditions negatives --negatives images --schemes dcl";
+    refused(scene, out_of_map, &["corner-map"]);
     let negatives = scene.run(&format!("{out_of_map} --global {file} --json")).succeeded().json();
-    assert!(negatives["rows"][0]["negatives"].as_u64() > Some(0), "{negatives}");
+    assert!(negatives["schemes"][0]["queries"].as_u64() > Some(0), "{negatives}");
 
     // A map without such a descriptor gets none, regardless of consent.
     let run = scene.run(&format!("{seal} place.vprofile --image-global {file} -o rows.vquery")).succeeded();

@@ -5,7 +5,7 @@ use super::common;
 use common::{CAMERA, folder, scene};
 
 /// Command lines whose inputs do not exist, with `OUT` for an output.
-const COMMANDS: [&str; 31] = [
+const COMMANDS: [&str; 30] = [
     "map build --posed none --images none -o OUT",
     "map build --posed none --images none -o good --out-pairs OUT",
     "map import --model none --images none -o OUT",
@@ -22,13 +22,12 @@ const COMMANDS: [&str; 31] = [
     "attack none.jsonl --json OUT",
     "eval pose none.jsonl --json OUT",
     "eval keypoints none.jpg -o OUT",
-    "eval negatives --map none.vmap --images none --json OUT",
+    "eval scene --map none.vmap --negatives none --json OUT",
     "eval problems SCENE -o OUT",
     "eval problems SCENE -o good --keypoints OUT",
     "eval scene SCENE --json OUT",
     "eval scene SCENE --report OUT",
     "eval scene SCENE --keep-map OUT",
-    "eval stress SCENE --json OUT",
     "eval inversion none.jpg --network none.toml --contact-sheet OUT",
     "eval inversion none.jpg --network none.toml --report OUT",
     "eval dataset 7scenes --root none --json OUT",

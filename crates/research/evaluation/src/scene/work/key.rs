@@ -1,7 +1,7 @@
 //! Hash of an evaluation's inputs: poses, files, behaviour of extractors.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use veiloc_features::{Features, Image, load_gray};
 use veiloc_geometry::CameraFromWorld;
@@ -45,19 +45,22 @@ impl EvaluationKey for CacheKey {
     }
 
     fn behaviour(&mut self, evaluation: &SceneEvaluation) -> Result<(), EvalError> {
-        let Some(name) = evaluation.map_list.first() else { return Ok(()) };
+        let of_scene = evaluation.map_list.iter().chain(&evaluation.query_list);
+        let of_scene = of_scene.map(|name| image_file(&evaluation.images, name));
+        let paths: Vec<PathBuf> =
+            of_scene.chain(evaluation.negatives.iter().map(|image| image.path.clone())).collect();
+        let Some(first) = paths.first() else { return Ok(()) };
         let extractor = evaluation.build.extractors.named(&evaluation.build.features);
         let extractor = extractor?;
         // An image that cannot be read is reported when the map is built.
-        let Ok(gray) = load_gray(&image_file(&evaluation.images, name)) else { return Ok(()) };
+        let Ok(gray) = load_gray(first) else { return Ok(()) };
         let image = Image::from(gray);
         match extractor.stored() {
             // Each stored global descriptor is hashed: one does not represent the others.
             Some(stored) => {
-                for name in evaluation.map_list.iter().chain(&evaluation.query_list) {
-                    let path = image_file(&evaluation.images, name);
-                    let Ok(gray) = load_gray(&path) else { continue };
-                    if let Ok(features) = stored.features(&path, (gray.width(), gray.height())) {
+                for path in &paths {
+                    let Ok(gray) = load_gray(path) else { continue };
+                    if let Ok(features) = stored.features(path, (gray.width(), gray.height())) {
                         self.features(&features);
                     }
                 }

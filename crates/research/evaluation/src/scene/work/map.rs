@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::results::MapSummary;
+use veiloc_map::GravityDirection;
 use veiloc_map::atomic_file::write_atomic;
 use veiloc_mapping::build_cache::CacheKey;
 use veiloc_mapping::image_file;
@@ -11,15 +12,16 @@ use veiloc_mapping::image_file;
 use super::key::EvaluationKey as _;
 use super::{Work, io};
 use crate::error::EvalError;
-use crate::pipeline::{SceneMap, SimulatedGravity};
+use crate::pipeline::SceneMap;
 use crate::scene::SceneEvaluation;
 
 impl Work {
-    /// Path of the map of this evaluation.
+    /// Path of the map of these images.
     pub(in crate::scene) fn map_of(
         &self,
         evaluation: &SceneEvaluation,
-        gravity_source: Option<&SimulatedGravity>,
+        names: &[String],
+        down: Option<GravityDirection>,
     ) -> Result<StoredMap, EvalError> {
         let mut key = CacheKey::new("map");
         let build = &evaluation.build;
@@ -27,12 +29,12 @@ impl Work {
         key.debug(&build.settings);
         key.debug(&build.device);
         key.debug(&evaluation.on_other_frame);
-        key.debug(&gravity_source.map(|gravity_source| gravity_source.down().in_world()));
+        key.debug(&down.map(|down| down.in_world()));
         key.behaviour(evaluation)?;
         for point in evaluation.posed.points() {
             key.numbers(point.coords.iter().copied());
         }
-        for name in &evaluation.map_list {
+        for name in names {
             key.text(name);
             if let Some(image) = evaluation.posed.get(name) {
                 key.text(&image.camera.to_string());

@@ -8,7 +8,6 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::results::QueryResult;
 use serde::{Deserialize, Serialize};
-use veiloc_map::MapFile;
 use veiloc_mapping::build_cache::CacheKey;
 use veiloc_mapping::mask_file;
 
@@ -17,21 +16,22 @@ use super::{QUERIES, Work, io};
 use crate::error::EvalError;
 use crate::pipeline::EvaluatedQuery;
 use crate::scene::SceneEvaluation;
+use crate::scene::case::{Case, Maps};
 
 impl Work {
-    /// The finished queries of this evaluation with this map.
+    /// The finished queries of this evaluation with these maps.
     pub(in crate::scene) fn finished(
         &self,
-        map: &MapFile,
+        maps: &Maps<'_>,
         evaluation: &SceneEvaluation,
     ) -> Result<Finished, EvalError> {
         let mut base = CacheKey::new("query");
-        base.file(map.path())?;
+        base.file(maps.whole.whole().path())?;
         base.behaviour(evaluation)?;
         base.debug(&evaluation.schemes);
         base.debug(&evaluation.estimators);
         base.debug(&evaluation.transmission);
-        base.debug(&evaluation.gravity);
+        base.debug(&evaluation.from_truth);
         base.debug(&evaluation.masks.is_some());
         base.debug(&evaluation.seed);
         if let Some(regions) = &evaluation.regions {
@@ -58,7 +58,11 @@ impl Work {
             })?;
             done.insert(line.key, line.rows);
         }
-        Ok(Finished { base, done, path, file: Mutex::new(file) })
+        let mut sparse = CacheKey::new("sparse map");
+        if let Some(map) = &maps.sparse {
+            sparse.file(map.whole().path())?;
+        }
+        Ok(Finished { base, sparse: sparse.hex(), done, path, file: Mutex::new(file) })
     }
 }
 
@@ -72,36 +76,64 @@ struct Line {
 /// Finished queries, and the file to which new ones are appended.
 pub(in crate::scene) struct Finished {
     base: CacheKey,
+    /// Hash of the map of few images.
+    sparse: String,
     done: BTreeMap<String, Vec<QueryResult>>,
     path: PathBuf,
     file: Mutex<File>,
 }
 
 impl Finished {
-    /// The stored result of a query, or the computed one, which is then stored.
+    /// The stored results of a query under these conditions; those that are not stored are computed, and then stored.
     pub(in crate::scene) fn get_or(
         &self,
         query: &EvaluatedQuery,
+        cases: &[&Case],
         evaluation: &SceneEvaluation,
-        compute: impl FnOnce() -> Result<Vec<QueryResult>, EvalError>,
-    ) -> Result<Vec<QueryResult>, EvalError> {
-        let mut key = self.base.clone();
-        key.text(&query.name);
-        key.text(&query.camera.to_string());
-        key.pose(query.truth.as_ref());
-        key.file(&query.path)?;
+        compute: impl FnOnce(&[&Case]) -> Result<Vec<Vec<QueryResult>>, EvalError>,
+    ) -> Result<Vec<Vec<QueryResult>>, EvalError> {
+        let mut base = self.base.clone();
+        base.text(&query.name);
+        base.text(&query.camera.to_string());
+        base.text(query.focal.name());
+        base.pose(query.truth.as_ref());
+        base.file(&query.path)?;
         if let Some(masks) = &evaluation.masks {
-            key.file(&mask_file(masks, &query.name))?;
+            base.file(&mask_file(masks, &query.name))?;
         }
-        let key = key.hex();
-        if let Some(rows) = self.done.get(&key) {
-            return Ok(rows.clone());
+        let key_of = |case: &&Case| {
+            let mut key = base.clone();
+            key.text(&case.condition.to_string());
+            if case.condition.sparse_map {
+                key.text(&self.sparse);
+            }
+            key.hex()
+        };
+        let keys: Vec<String> = cases.iter().map(key_of).collect();
+        let is_missing = |at: &usize| !self.done.contains_key(&keys[*at]);
+        let missing: Vec<usize> = (0..cases.len()).filter(is_missing).collect();
+        let computed = match &missing[..] {
+            [] => Vec::new(),
+            missing => compute(&missing.iter().map(|at| cases[*at]).collect::<Vec<_>>())?,
+        };
+        let mut text = Vec::new();
+        let mut computed = missing
+            .iter()
+            .zip(computed)
+            .map(|(at, rows)| Line { key: keys[*at].clone(), rows })
+            .collect::<Vec<_>>();
+        for line in &computed {
+            serde_json::to_writer(&mut text, line).map_err(|e| io(&self.path)(e.into()))?;
+            text.push(b'\n');
         }
-        let line = Line { key, rows: compute()? };
-        let mut text = serde_json::to_vec(&line).map_err(|e| io(&self.path)(e.into()))?;
-        text.push(b'\n');
-        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        file.write_all(&text).and_then(|()| file.sync_data()).map_err(io(&self.path))?;
-        Ok(line.rows)
+        if !text.is_empty() {
+            let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+            file.write_all(&text).and_then(|()| file.sync_data()).map_err(io(&self.path))?;
+        }
+        let rows = |key: &String| match self.done.get(key) {
+            Some(rows) => rows.clone(),
+            None => computed.remove(0).rows,
+        };
+        Ok(keys.iter().map(rows).collect())
     }
 }

@@ -8,7 +8,7 @@ use veiloc_evaluation::privacy::adversaries::{
 };
 use veiloc_protocol::Scheme;
 
-use crate::commands::eval::posed_scene::{OptionalPosedSceneArgs, with_remedy};
+use crate::commands::eval::posed_scene::{PosedSceneArgs, with_remedy};
 use crate::exit::{Exit, Outcome};
 use crate::extraction_args::ExtractionArgs;
 use crate::json_args::JsonArgs;
@@ -26,7 +26,7 @@ use crate::ui::Ui;
 #[command(after_long_help = ADVERSARIES)]
 pub(crate) struct Args {
     #[command(flatten)]
-    posed_scene: OptionalPosedSceneArgs,
+    posed_scene: PosedSceneArgs,
     /// Folder of the queries' masks, one per query: `door/3.jpg.png` for `door/3.jpg`, as in COLMAP. Black pixels are
     /// hidden, as with `seal --masks`.
     #[arg(long, value_name = "DIR", requires = "posed")]
@@ -87,13 +87,13 @@ Example: veiloc eval keypoints photos -o photos.jsonl.gz
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let mut evaluation = AdversariesEvaluation::new();
-    if let Some(scene) = args.posed_scene.given() {
+    if let Some(scene) = args.posed_scene.given(false, ui)? {
         evaluation.scene = Some(SceneEvaluation {
             build: args.extraction.options()?,
             estimators: vec![args.estimator.estimator()?],
             masks: args.masks.clone(),
             seed: args.estimator.seed,
-            ..scene.scene(false, ui)?
+            ..scene
         });
     }
     evaluation.files.clone_from(&args.keypoints);

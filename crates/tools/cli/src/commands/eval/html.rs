@@ -72,8 +72,8 @@ impl HtmlReport {
         &mut self,
         name: &str,
         evaluation: &SceneEvaluation,
-        methods: impl IntoIterator<Item = (Option<&'a str>, &'a SchemeSummary)>,
-        queries: impl IntoIterator<Item = (Option<&'a str>, &'a QueryResult)>,
+        methods: impl IntoIterator<Item = &'a SchemeSummary>,
+        queries: impl IntoIterator<Item = &'a QueryResult>,
         ui: &Ui,
     ) -> Result<(), Failure> {
         let Some(path) = &evaluation.keep_map else { return Ok(()) };

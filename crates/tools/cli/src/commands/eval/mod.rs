@@ -5,16 +5,13 @@ mod data_set;
 pub(crate) mod html;
 mod inversion;
 mod keypoints;
-pub(crate) mod negatives;
+mod negatives;
 mod pose;
 mod posed_scene;
 mod problems;
 mod report;
-mod rig;
 mod scene;
 mod sessions;
-mod split;
-mod stress;
 
 use crate::exit::Outcome;
 use crate::ui::Ui;
@@ -22,17 +19,11 @@ use crate::ui::Ui;
 /// What to evaluate.
 #[derive(clap::Subcommand)]
 pub(crate) enum Command {
-    /// Run the whole pipeline on a scene with known poses: build the map, seal the queries, localize them.
+    /// Run the whole pipeline on a scene with known poses: build the map, seal the queries, localize them; also under
+    /// hard conditions, with several images together, and with out-of-map images.
     Scene(Box<scene::Args>),
     /// Evaluate the scenes of 7Scenes, Cambridge Landmarks or Aachen Day-Night, from the unpacked folders.
     Dataset(Box<data_set::Args>),
-    /// Localize queries of one scene in the dark, with motion blur, half hidden, small, in a sparse map, with few
-    /// keypoints.
-    Stress(Box<stress::Args>),
-    /// Query a map with out-of-map images, and count those with a trusted pose.
-    Negatives(Box<negatives::Args>),
-    /// Localize several consecutive images together, with simulated odometry, and report the gain over single images.
-    Rig(Box<rig::Args>),
     /// Attack several frames of one scene together, and report what a session leaks for each kind of anchors.
     Sessions(Box<sessions::Args>),
     /// Run only the pose stage, on given matches.
@@ -55,9 +46,6 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
     match command {
         Command::Scene(args) => scene::run(args, ui),
         Command::Dataset(args) => data_set::run(args, ui),
-        Command::Stress(args) => stress::run(args, ui),
-        Command::Negatives(args) => negatives::run(args, ui),
-        Command::Rig(args) => rig::run(args, ui),
         Command::Sessions(args) => sessions::run(args, ui),
         Command::Pose(args) => pose::run(args, ui),
         Command::Problems(args) => problems::run(args, ui),

@@ -1,196 +1,125 @@
-//! `veiloc eval negatives`: queries with out-of-map images, which must not get a trusted pose.
+//! Out-of-map images of `veiloc eval scene`: every pose that they get is wrong.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use serde::Serialize;
-use veiloc_evaluation::negatives::{
-    NegativeImage, NegativesEvaluation, NegativesResult, evaluate_negatives, table,
-};
+use veiloc_datasets::problem_files::is_in_design_split;
+use veiloc_evaluation::NegativeImage;
 use veiloc_geometry::Intrinsics;
-use veiloc_map::MapFile;
-use veiloc_protocol::{FocalKnowledge, Scheme};
+use veiloc_protocol::FocalKnowledge;
 
 use crate::camera::{CameraArg, CameraSource};
-use crate::commands::eval::split::Split;
-use crate::exit::{Failure, Outcome};
-use crate::extraction_error::extraction_error;
-use crate::feature_args::MapFeatureArgs;
-use crate::global_args::MapGlobalArgs;
-use crate::items::{self, BatchSummary, InputError, Item, SkipArgs};
-use crate::json_args::JsonArgs;
+use crate::exit::Failure;
+use crate::items::{self, Item};
 use crate::lists;
-use crate::localization_args::{EstimatorArgs, positive};
-use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Query a map with out-of-map images, and count those with a trusted pose.
-///
-/// Every image is extracted once, sealed under every scheme and localized. All poses are wrong; a trusted pose is a
-/// false positive. An image with too few keypoints to be sealed is counted separately as unusable.
+/// Queries that must not be localized.
 #[derive(clap::Args)]
-pub(crate) struct Args {
-    /// The map.
-    #[arg(long, value_name = "FILE")]
-    map: PathBuf,
-    /// Folder of out-of-map images, JPEG or PNG, with its sub-folders.
+pub(super) struct NegativeArgs {
+    /// Folder of the images of the condition `negatives`, JPEG or PNG, with its sub-folders: out-of-map images, whose
+    /// poses are all wrong.
     #[arg(long, value_name = "DIR")]
-    images: PathBuf,
-    /// Names of the images to use, one per line, relative to the folder; a camera may follow each name (MODEL W H
-    /// PARAMS…, as in hloc's query lists).
-    #[arg(long, value_name = "FILE")]
-    list: Option<PathBuf>,
-    /// Use one half of the images, chosen by the file name alone: `design` to choose thresholds with, `final` for final
-    /// figures only. Bit 32 of the 64-bit FNV-1a hash of the file name without folders is 0 in `design` and 1 in
-    /// `final`.
-    #[arg(long, value_enum, default_value_t = Split::All)]
-    split: Split,
-    /// The camera of all images, as in `veiloc seal`. Default: the camera in the list, then EXIF, and otherwise an
-    /// assumed camera that the query marks as unknown: no distortion, a focal length of 1.2 times the longer side.
-    #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE")]
-    camera: Option<CameraArg>,
-    /// Schemes to compare.
-    #[arg(long, value_delimiter = ',', default_value = "points,random-lines,dcl", value_name = "SCHEME,…")]
-    schemes: Vec<Scheme>,
-    /// Seal each query with a random gravity direction of this stated standard deviation, degrees: it must not make a pose
-    /// trusted. The map needs a direction of gravity (`map build --down`). Default: without gravity.
-    #[arg(long, value_name = "SD_DEG", value_parser = positive)]
-    random_gravity: Option<f64>,
-    #[command(flatten)]
-    features: MapFeatureArgs,
-    #[command(flatten)]
-    global: MapGlobalArgs,
-    #[command(flatten)]
-    skip: SkipArgs,
-    #[command(flatten)]
-    json: JsonArgs,
-    #[command(flatten)]
-    estimator: EstimatorArgs,
+    negatives: Option<PathBuf>,
+    /// Names of the out-of-map images to use, one per line, relative to the folder; a camera may follow each name
+    /// (MODEL W H PARAMS…, as in hloc's query lists). Default: all.
+    #[arg(long, value_name = "FILE", requires = "negatives")]
+    negatives_list: Option<PathBuf>,
+    /// Use one half of the out-of-map images, chosen by the file name alone: `design` to choose thresholds with, `final`
+    /// for final figures only. Bit 32 of the 64-bit FNV-1a hash of the file name without folders is 0 in `design` and 1
+    /// in `final`.
+    #[arg(long, value_enum, default_value_t = Split::All, requires = "negatives")]
+    negatives_split: Split,
+    /// The camera of all out-of-map images, as in `veiloc seal --camera`. Default: the camera in the list, then EXIF, and
+    /// otherwise an assumed camera that the query marks as unknown: no distortion, a focal length of 1.2 times the
+    /// longer side.
+    #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE", requires = "negatives")]
+    negatives_camera: Option<CameraArg>,
 }
 
-/// Queries with out-of-map images: every pose is wrong, and a trusted one is a false positive.
-#[derive(Serialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub(crate) struct NegativesDocument {
-    /// 1.
-    version: u32,
-    /// `eval negatives`.
-    command: &'static str,
-    /// The map, as given.
-    map: String,
-    /// Images that were used (`--split`).
-    split: Split,
-    /// Seed of every random choice.
-    seed: u64,
-    /// Number of images.
-    images: usize,
-    /// Number of images that cannot be used; they are not counted in the fields below.
-    failed: usize,
-    #[serde(flatten)]
-    result: NegativesResult,
-    /// Images that cannot be used; may be empty.
-    errors: Vec<InputErrorDocument>,
+/// Halves of a set of images: one for design, the other untouched until the final figures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Split {
+    /// The half for design and calibration.
+    Design,
+    /// The half for final figures only.
+    Final,
+    /// All images.
+    All,
 }
 
-/// An image that cannot be used.
-#[derive(Serialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-struct InputErrorDocument {
-    /// The image.
-    file: String,
-    #[serde(flatten)]
-    fault: InputError,
+impl Split {
+    fn holds(self, file: &Path) -> bool {
+        self == Self::All || is_in_design_split(file) == (self == Self::Design)
+    }
 }
 
-pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
-    let map = MapFile::open(&args.map)?;
-    let given = images(args, ui)?;
-    let items: Vec<Item> = given.iter().map(|(item, _)| item.clone()).collect();
-    let names = items::names(&items);
-    let mut tally = BatchSummary::begin("queried", &items, ui);
-    let mut faults = Vec::new();
-    let mut usable = Vec::new();
-    for ((item, camera), name) in given.into_iter().zip(names) {
-        match item.fault {
-            Some(fault) => faults.push((name, fault)),
-            None => usable.push(NegativeImage { name, path: item.path, camera }),
+impl NegativeArgs {
+    /// Returns the images, each with its camera if one is given; `scene` is the folder of the scene's own images.
+    pub(super) fn images(&self, scene: Option<&Path>, ui: &Ui) -> Result<Vec<NegativeImage>, Failure> {
+        let Some(folder) = &self.negatives else { return Ok(Vec::new()) };
+        let shown = folder.display();
+        if !folder.is_dir() {
+            let help = "give the folder of the out-of-map images";
+            return Err(Failure::with_help(format!("{shown} is not a folder"), help));
         }
-    }
-    let evaluation = NegativesEvaluation {
-        images: usable,
-        schemes: args.schemes.clone(),
-        localize: args.estimator.estimator()?.localize,
-        seed: args.estimator.seed,
-        random_gravity_sd_deg: args.random_gravity,
-        extractors: args.features.extractors(map.profile())?.sealing(),
-        global: args.global.extractor(&args.features.models(), map.profile())?,
-    };
-    let result = if evaluation.images.is_empty() {
-        NegativesResult::default()
-    } else {
-        evaluate_negatives(&map, &evaluation, &Stages::new(ui))?
-    };
-    faults.extend(result.unread.iter().map(|(name, error)| (name.clone(), extraction_error(error))));
-    for (name, fault) in &faults {
-        tally.failed(name, fault);
-    }
-    let text = table(&result);
-    let document = NegativesDocument {
-        version: 1,
-        command: "eval negatives",
-        map: args.map.display().to_string(),
-        split: args.split,
-        seed: args.estimator.seed,
-        images: items.len(),
-        failed: faults.len(),
-        result,
-        errors: faults.into_iter().map(|(file, fault)| InputErrorDocument { file, fault }).collect(),
-    };
-    args.json.print(&text, &document, ui)?;
-    tally.end(items.len() - document.failed, "", args.skip, ui)
-}
-
-/// Returns the images, each with its camera if one is given.
-fn images(args: &Args, ui: &Ui) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
-    if !args.images.is_dir() {
-        return Err(Failure::with_help(
-            format!("{} is not a folder", args.images.display()),
-            "give the folder of the out-of-map images",
-        ));
-    }
-    let common = match args.camera.as_ref().map(|c| c.source(FocalKnowledge::Calibrated)).transpose()? {
-        Some(CameraSource::Given(known)) => Some(known.intrinsics),
-        Some(CameraSource::Exif | CameraSource::Assumed) | None => None,
-    };
-    let given: Vec<(Item, Option<Intrinsics>)> = match &args.list {
-        None => items::expand_images(std::slice::from_ref(&args.images), ui)
-            .into_iter()
-            .map(|item| (item, common))
-            .collect(),
-        Some(list) => {
-            let listed = lists::read_with_cameras(list)?;
-            if let Some(own) = listed.iter().find(|l| common.is_some() && l.camera.is_some()) {
-                return Err(Failure::with_help(
-                    format!(
-                        "{}: line {}: {} has its own camera, and --camera is given too",
-                        list.display(),
-                        own.line,
-                        own.name
-                    ),
-                    "leave out --camera, or give a list without cameras",
-                ));
+        if scene.is_some_and(|own| own.canonicalize().ok() == folder.canonicalize().ok()) {
+            return Err(Failure::with_help(
+                format!("{shown}: these negatives are images of the evaluated scene"),
+                "give images of another scene",
+            ));
+        }
+        let camera =
+            self.negatives_camera.as_ref().map(|c| c.source(FocalKnowledge::Calibrated)).transpose()?;
+        let common = match camera {
+            Some(CameraSource::Given(known)) => Some(known.intrinsics),
+            Some(CameraSource::Exif | CameraSource::Assumed) | None => None,
+        };
+        let given = self.listed(folder, common, ui)?;
+        let all = given.len();
+        let items: Vec<Item> = given.iter().map(|(item, _)| item.clone()).collect();
+        let mut images = Vec::new();
+        for ((Item { path, fault, .. }, camera), name) in given.into_iter().zip(items::names(&items)) {
+            match fault {
+                Some(fault) => return Err(Failure::with_help(fault.of(&name), "leave it out of the images")),
+                None if self.negatives_split.holds(&path) => {
+                    images.push(NegativeImage { name, path, camera });
+                }
+                None => {}
             }
-            let items = items::files_of_list(&args.images, listed.iter().map(|l| l.name.as_str()));
-            items.into_iter().zip(listed).map(|(item, l)| (item, l.camera.or(common))).collect()
         }
-    };
-    let all = given.len();
-    let selected: Vec<_> =
-        given.into_iter().filter(|(item, _)| item.path.is_dir() || args.split.holds(&item.path)).collect();
-    if selected.is_empty() {
-        return Err(Failure::with_help(
-            format!("none of the {all} images belongs to this half"),
-            "give more images, or leave out --split",
-        ));
+        if images.is_empty() {
+            return Err(Failure::with_help(
+                format!("none of the {all} out-of-map images belongs to this half"),
+                "give more images, or leave out --negatives-split",
+            ));
+        }
+        Ok(images)
     }
-    Ok(selected)
+
+    fn listed(
+        &self,
+        folder: &PathBuf,
+        common: Option<Intrinsics>,
+        ui: &Ui,
+    ) -> Result<Vec<(Item, Option<Intrinsics>)>, Failure> {
+        let Some(list) = &self.negatives_list else {
+            let items = items::expand_images(std::slice::from_ref(folder), ui).into_iter();
+            return Ok(items.map(|item| (item, common)).collect());
+        };
+        let listed = lists::read_with_cameras(list)?;
+        if let Some(own) = listed.iter().find(|l| common.is_some() && l.camera.is_some()) {
+            let message = format!(
+                "{}: line {}: {} has its own camera, and --negatives-camera is given too",
+                list.display(),
+                own.line,
+                own.name
+            );
+            return Err(Failure::with_help(
+                message,
+                "leave out --negatives-camera, or give a list without cameras",
+            ));
+        }
+        let items = items::files_of_list(folder, listed.iter().map(|l| l.name.as_str()));
+        Ok(items.into_iter().zip(listed).map(|(item, l)| (item, l.camera.or(common))).collect())
+    }
 }

@@ -3,18 +3,19 @@
 use std::path::{Path, PathBuf};
 
 use veiloc_evaluation::pipeline::QueryTransmission;
-use veiloc_evaluation::{NegativeQueryImages, SceneEvaluation, evaluate_scene};
+use veiloc_evaluation::results::{MapSummary, QueryResult, SchemeSummary};
+use veiloc_evaluation::{Condition, FROM_TRUTH, Odometry, SceneEvaluation, evaluate_scene};
+use veiloc_map::PosedImages;
 use veiloc_map::regions::SplitOptions;
 use veiloc_report::LengthUnit;
 
 use crate::commands::eval::html::{self, HtmlArgs};
-use crate::commands::eval::posed_scene::{GravityArgs, PosedSceneArgs, with_remedy};
+use crate::commands::eval::negatives::NegativeArgs;
+use crate::commands::eval::posed_scene::{PosedSceneArgs, with_remedy};
 use crate::commands::eval::report::ReportArgs;
-use crate::commands::posed::read_posed;
-use crate::exit::{Failure, Outcome};
+use crate::exit::{Exit, Failure, Outcome};
 use crate::extraction_args::ExtractionArgs;
-use crate::lists;
-use crate::localization_args::EstimatorArgs;
+use crate::localization_args::{EstimatorArgs, not_negative, positive};
 use crate::progressive_args::ProgressiveArgs;
 use crate::stages::Stages;
 use crate::targets::{OutFile, OutFolder};
@@ -22,16 +23,38 @@ use crate::ui::Ui;
 
 /// Run the whole pipeline on a scene with known poses.
 ///
-/// Builds a map from the images of the map list, seals every image of the query list under every scheme, localizes it,
-/// and compares with its known pose. A query without a pose counts as infinite error.
+/// Builds a map from the images of the map list, seals every image of the query list under every condition and scheme,
+/// localizes it, and compares with its known pose. A query without a pose counts as infinite error.
 #[derive(clap::Args)]
+#[command(after_long_help = CONDITIONS)]
 pub(crate) struct Args {
     #[command(flatten)]
     scene: SceneArgs,
-    #[command(flatten)]
-    gravity: GravityArgs,
+    /// Conditions of the queries, see below: `none`, or parts joined by `+`, such as half-hidden+frames:4.
+    #[arg(long, value_delimiter = ',', default_value = "none", value_name = "CONDITION,…")]
+    conditions: Vec<Condition>,
+    /// Also start from the true pose, in rows of their own: the engine's own optimum (the result of a perfect search),
+    /// and the floor (least squares on the correct matches).
+    #[arg(long)]
+    optimum: bool,
+    /// For --optimum: a match is correct if its map point projects within this distance of the keypoint under the true
+    /// pose, pixels.
+    #[arg(long, default_value_t = 4.0, value_name = "PX", value_parser = positive)]
+    oracle_radius: f64,
+    /// For frames:N: standard deviation of the odometry error about each axis per step, degrees.
+    #[arg(long, default_value_t = Odometry::default().rotation_sd_deg, value_name = "DEG", value_parser = not_negative)]
+    rotation_noise: f64,
+    /// For frames:N: standard deviation of the odometry error along each axis per step, map units.
+    #[arg(long, default_value_t = Odometry::default().translation_sd, value_name = "T", value_parser = not_negative)]
+    translation_noise: f64,
+    /// For frames:N: maximum distance between consecutive queries of one trajectory, map units.
+    #[arg(long, default_value_t = Odometry::default().max_distance, value_name = "T", value_parser = not_negative)]
+    max_distance: f64,
     #[command(flatten)]
     negatives: NegativeArgs,
+    /// Localize out-of-map images in this map, in place of a scene; all conditions are then `negatives`.
+    #[arg(long, value_name = "FILE", requires = "negatives", conflicts_with_all = ["posed", "keep_map", "compress"])]
+    map: Option<PathBuf>,
     #[command(flatten)]
     progressive: ProgressiveArgs,
     /// Folder of the queries' masks, one per query: `door/3.jpg.png` for `door/3.jpg`, as in COLMAP. Black pixels are
@@ -40,7 +63,7 @@ pub(crate) struct Args {
     masks: Option<PathBuf>,
     /// Folder for intermediate results: features and matches of map images, the map, and the result of each finished
     /// query. An interrupted run continues from there, and results for the same images and options are not computed
-    /// again. Default: nothing is stored.
+    /// again; those of frames:N are. Default: nothing is stored.
     #[arg(long, value_name = "DIR")]
     work: Option<OutFolder>,
     /// Queries that are localized in parallel; with more than one, times are those of a loaded machine.
@@ -62,7 +85,7 @@ pub(crate) struct Args {
     html: HtmlArgs,
 }
 
-/// A scene, its map building, and the localization of its queries: the arguments that `eval scene` and `eval rig`
+/// A scene, its map building, and the localization of its queries: the arguments that `eval scene` and `eval sessions`
 /// share.
 #[derive(clap::Args)]
 pub(super) struct SceneArgs {
@@ -80,8 +103,13 @@ pub(super) struct SceneArgs {
 }
 
 impl SceneArgs {
-    /// Returns the evaluation without gravity and negatives.
+    /// Returns the evaluation of the queries as they are.
     pub(super) fn evaluation(&self, ui: &Ui) -> Result<SceneEvaluation, Failure> {
+        self.of(self.posed_scene.scene(true, ui)?)
+    }
+
+    /// Returns the evaluation of this scene.
+    fn of(&self, scene: SceneEvaluation) -> Result<SceneEvaluation, Failure> {
         Ok(SceneEvaluation {
             keep_map: self.keep_map.as_deref().map(Path::to_owned),
             build: self.extraction.options()?,
@@ -89,7 +117,7 @@ impl SceneArgs {
             estimators: self.estimator.estimators()?,
             thresholds: self.report.thresholds.clone(),
             seed: self.estimator.seed,
-            ..self.posed_scene.scene(true, ui)?
+            ..scene
         })
     }
 }
@@ -101,38 +129,25 @@ impl Args {
     }
 }
 
-/// Queries that must not be localized.
-#[derive(clap::Args)]
-struct NegativeArgs {
-    /// Posed images of another scene, of any format that `map build --posed` reads, for the cameras of the negative queries, whose poses in this map are
-    /// all wrong. The table counts those that get a pose, and those that get a trusted pose.
-    #[arg(id = "negatives_posed", long = "negatives-posed", value_name = "PATH", requires_all = ["negatives_images", "negatives_list"])]
-    posed: Option<PathBuf>,
-    /// Folder of the other scene's images.
-    #[arg(
-        id = "negatives_images",
-        long = "negatives-images",
-        value_name = "DIR",
-        requires = "negatives_posed"
-    )]
-    images: Option<PathBuf>,
-    /// Names of the negative queries, one per line.
-    #[arg(id = "negatives_list", long = "negatives-list", value_name = "FILE", requires = "negatives_posed")]
-    list: Option<PathBuf>,
-}
-
-impl NegativeArgs {
-    fn negatives(&self, ui: &Ui) -> Result<Option<NegativeQueryImages>, Failure> {
-        match (&self.posed, &self.images, &self.list) {
-            (Some(posed), Some(images), Some(list)) => Ok(Some(NegativeQueryImages {
-                posed: read_posed(posed, images, ui)?,
-                images: images.clone(),
-                list: lists::read_list(list)?,
-            })),
-            _ => Ok(None),
-        }
-    }
-}
+const CONDITIONS: &str = "\
+Parts of conditions (images are changed in gray before feature extraction and rounded to 8 bits again; random choices
+depend on --seed, the name of the image and the name of the part):
+  dark            an eighth of the light: white is 500 instead of 4000 electrons, shot and readout noise (3 electrons)
+  motion          motion blur over 13/640 of the longer side, in a random direction
+  half-hidden     flat gray over one half, cut through the middle in a random direction
+  side-hidden     flat gray over exactly the left or the right half, which may leave dcl only one of its two anchors
+  low-resolution  reduced to 160 pixels along the longer side, enlarged to the old size
+  sparse-map      a map of every tenth image of the map list, or more if fewer than four would remain
+  few-keypoints   the device sends 256 rows, the smallest size class
+  camera:ERROR    the device assumes a wrong camera, and declares it calibrated: f+3%, fx-3%, fy+3% (focal lengths), f~3%
+                  (3 percent too long or too short at random), cx+5%, cy-5% (principal point, of the width or height),
+                  k1-0.2 (first radial term); percentages up to 50
+  gravity:SD      each query has the gravity of an accelerometer of this standard deviation at its true pose, degrees, at
+                  most 16; gravity:SD/ERROR rotates each measurement by ERROR degrees too, as of a device that
+                  accelerates or lies
+  frames:N        each query is localized together with the N-1 queries before it in the list, with the true relative
+                  poses and noise at every step; errors are those of its own pose. All frames:N have the same queries
+  negatives       the images of --negatives in place of the queries; with gravity:SD their gravity is random";
 
 /// Parses a number above 1.
 fn above_one(text: &str) -> Result<f64, String> {
@@ -143,9 +158,24 @@ fn above_one(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
+    let scene = match &args.map {
+        Some(_) => SceneEvaluation::of_scene(PosedImages::default(), PathBuf::new(), Vec::new(), Vec::new()),
+        None => args.scene.posed_scene.scene(true, ui)?,
+    };
+    let own_images = Some(scene.images.as_path()).filter(|_| args.map.is_none());
     let mut evaluation = SceneEvaluation {
-        gravity: args.gravity.gravity_noise,
-        negatives: args.negatives.negatives(ui)?,
+        negatives: args.negatives.images(own_images, ui)?,
+        ..args.scene.of(scene.clone())?
+    };
+    evaluation = SceneEvaluation {
+        conditions: args.conditions.clone(),
+        from_truth: args.optimum.then_some(args.oracle_radius),
+        odometry: Odometry {
+            rotation_sd_deg: args.rotation_noise,
+            translation_sd: args.translation_noise,
+            max_distance: args.max_distance,
+        },
+        map: args.map.clone(),
         masks: args.masks.clone(),
         work: args.work.as_deref().map(Path::to_owned),
         jobs: args.jobs.into(),
@@ -155,14 +185,20 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             .progressive
             .stop_criterion()
             .map_or(QueryTransmission::Whole, QueryTransmission::Progressive),
-        ..args.scene.evaluation(ui)?
+        ..evaluation
     };
     let report = args.html.begin(1, LengthUnit::Map)?;
     if let Some(report) = &report {
+        if !args.conditions.contains(&Condition::NONE) {
+            return Err(Failure::with_help(
+                "--report draws queries as they are",
+                "add `none` to --conditions",
+            ));
+        }
         report.keep_map(&mut evaluation);
     }
     let result = evaluate_scene(&evaluation, &Stages::new(ui)).map_err(with_remedy)?;
-    if let Some(map) = &result.map {
+    if let Some(map) = result.map.as_ref().filter(|_| args.map.is_none()) {
         ui.info(format!(
             "map: {} images, {} points, {:.1} MB ({:.0} bytes per point), built in {:.1} s ({:.2} s per image)",
             map.images,
@@ -183,10 +219,21 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             ));
         }
     }
-    let exit = args.scene.report.finish(&result, ui)?;
+    if let Some(sparse) = &result.sparse_map {
+        let MapSummary { images, points, .. } = sparse.map;
+        ui.info(format!("sparse map: one image in {}, {images} images, {points} points", sparse.stride));
+    }
+    let mut exit = args.scene.report.finish(&result, ui)?;
+    if args.conditions.iter().all(|condition| condition.negatives) {
+        exit = Exit::Success;
+    }
     if let Some(mut report) = report {
-        let methods = result.schemes.iter().map(|row| (None, row));
-        let queries = result.queries.iter().map(|query| (None, query));
+        let searches =
+            |recipe: &Option<String>| recipe.as_ref().is_none_or(|of| !FROM_TRUTH.contains(&of.as_str()));
+        let is_plain = |row: &&SchemeSummary| row.condition.is_none() && searches(&row.variant.recipe);
+        let methods = result.schemes.iter().filter(is_plain);
+        let plain = |query: &&QueryResult| query.condition.is_none() && searches(&query.variant.recipe);
+        let queries = result.queries.iter().filter(plain);
         report.add("", &evaluation, methods, queries, ui)?;
         let title = format!("Localization in {}", result.data.join(", "));
         report.write(&title, html::facts(Some(evaluation.seed)), ui)?;

@@ -56,10 +56,9 @@ pub(super) fn evaluate(
         add(&mut document, scene, found, &evaluation);
         if let Some(report) = &mut report {
             let rows = document.schemes.iter().filter(|row| row.scene == scene.name);
-            let rows = rows.map(|row| (row.condition.as_deref(), &row.summary));
-            let queries = document.queries.iter().filter(|query| query.scene.as_ref() == Some(&scene.name));
-            let queries = queries.map(|query| (query.condition.as_deref(), &query.result));
-            report.add(&scene.name, &evaluation, rows, queries, ui)?;
+            let rows = rows.map(|row| &row.summary);
+            let queries = document.queries.iter().filter(|query| query.scene == scene.name);
+            report.add(&scene.name, &evaluation, rows, queries.map(|query| &query.result), ui)?;
         }
     }
     let text = text_of(&document.schemes);
@@ -73,18 +72,13 @@ pub(super) fn evaluate(
     Ok((document, if localized { Exit::Success } else { Exit::Refused }))
 }
 
-/// A table for each scene and condition.
+/// A table for each scene.
 fn text_of(rows: &[SceneSummary]) -> String {
-    let same = |a: &SceneSummary, b: &SceneSummary| a.scene == b.scene && a.condition == b.condition;
-    let of_part = |part: &[SceneSummary]| {
-        let condition =
-            part[0].condition.as_ref().map_or(String::new(), |condition| format!(", {condition}"));
-        let summaries: Vec<_> = part.iter().map(|row| row.summary.clone()).collect();
-        format!("{}{condition}\n{}", part[0].scene, table(&summaries))
+    let of_scene = |rows: &[SceneSummary]| {
+        let summaries: Vec<_> = rows.iter().map(|row| row.summary.clone()).collect();
+        format!("{}\n{}", rows[0].scene, table(&summaries))
     };
-    let mut rows: Vec<SceneSummary> = rows.to_vec();
-    rows.sort_by(|a, b| (&a.scene, &a.condition).cmp(&(&b.scene, &b.condition)));
-    rows.chunk_by(same).map(of_part).collect::<Vec<_>>().join("\n")
+    rows.chunk_by(|a, b| a.scene == b.scene).map(of_scene).collect::<Vec<_>>().join("\n")
 }
 
 /// Converts the error of a data set.
@@ -161,24 +155,18 @@ fn add(
             conditions.push(query.condition.clone());
         }
     }
+    let mut queries = found.queries;
+    for query in &mut queries {
+        query.condition = condition_of(&query.name);
+    }
     // The document lists the queries row by row of the table.
-    let rows = found.queries.chunks(scene.queries.len().max(1));
-    for (row, summary) in rows.zip(found.schemes) {
+    for row in queries.chunks(scene.queries.len().max(1)) {
         for condition in &conditions {
-            let own: Vec<&QueryResult> =
-                row.iter().filter(|query| condition_of(&query.name) == *condition).collect();
-            let summary =
-                if conditions.len() == 1 { summary.clone() } else { summarize(&own, &evaluation.thresholds) };
-            document.schemes.push(SceneSummary {
-                scene: scene.name.clone(),
-                condition: condition.clone(),
-                summary,
-            });
+            let own: Vec<&QueryResult> = row.iter().filter(|query| query.condition == *condition).collect();
+            let summary = summarize(&own, &evaluation.thresholds);
+            document.schemes.push(SceneSummary { scene: scene.name.clone(), summary });
         }
     }
-    document.queries.extend(found.queries.into_iter().map(|result| SceneQuery {
-        scene: Some(scene.name.clone()),
-        condition: condition_of(&result.name),
-        result,
-    }));
+    let of_scene = |result| SceneQuery { scene: scene.name.clone(), result };
+    document.queries.extend(queries.into_iter().map(of_scene));
 }
