@@ -82,7 +82,7 @@ class Results:
         self.frame["sealed"] = [query.get("sealed_bytes") for query in known]
         self.frame["times"] = [query["ms"] for query in known]
         several = len({query["recipe"] for query in known}) > 1
-        self.frame["row"] = [", ".join([q["scheme"], *([q["recipe"]] if several else []), *([f"gravity {q['gravity']}"] if q.get("gravity") else [])])
+        self.frame["row"] = [", ".join([q["scheme"], *([q["recipe"]] if several else [])])
                              for q in known]  # fmt: skip
         place = ", ".join(document["data"])
         self.frame["column"] = [q.get("condition") or q.get("scene") or place for q in known]

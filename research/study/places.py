@@ -1,5 +1,7 @@
 """Tables of docs/results/places.md: the same command on every place."""
 
+from itertools import product
+
 from study.common import PLACES, command, percent
 
 LAYOUTS = {
@@ -39,15 +41,17 @@ COLUMNS = [
 ]  # fmt: skip
 
 
-def trust_of(queries: list[dict]) -> dict:
-    def is_right(query: dict) -> bool:
-        moved, turned = query.get("translation_error"), query.get("rotation_error_deg")
-        return moved is not None and moved <= 0.25 and turned <= 2
+def is_right(query: dict) -> bool:
+    """Whether a pose is within 25 cm (map units) and 2°."""
+    moved, turned = query.get("translation_error"), query.get("rotation_error_deg")
+    return moved is not None and moved <= 0.25 and turned <= 2
 
+
+def trust_of(queries: list[dict]) -> dict:
     trusted = [q for q in queries if q.get("state") == "trusted"]
     right = [q for q in queries if is_right(q)]
-    moved = [q for q in trusted if q["center_error_over_sd"] > 3]
-    turned = [q for q in trusted if q["rotation_error_deg"] > 3 * q["rotation_sd_deg"]]
+    moved = [q for q in trusted if q["center_error_over_sd"] is None or q["center_error_over_sd"] > 3]
+    turned = [q for q in trusted if q["rotation_error_deg"] > 3 * (q["rotation_sd_deg"] or 0)]
     wrong = [q for q in trusted if not is_right(q)]
     return {
         "queries": len(queries), "trusted": len(trusted),
@@ -55,6 +59,16 @@ def trust_of(queries: list[dict]) -> dict:
         "trusted beyond 25 cm or 2°": len(wrong), "of these beyond 3 ±": sum(q in moved or q in turned for q in wrong),
         "trusted, centre beyond 3 ±": len(moved), "trusted, orientation beyond 3 ±": len(turned),
     }  # fmt: skip
+
+
+def key_of(entry: dict) -> tuple:
+    """Scheme, condition and start of a row or query of `eval scene`: `optimum` and `floor` start from the true pose."""
+    return entry["scheme"], entry.get("condition", "none"), entry["recipe"] if entry["recipe"] in ("optimum", "floor") else None
+
+
+def rows_of(document: dict) -> dict:
+    """The rows of `eval scene` with their queries, by scheme, condition and start."""
+    return {key_of(row): (row, [q for q in document["queries"] if key_of(q) == key_of(row)]) for row in document["schemes"]}
 
 
 MEASURED = {"places": PLACES, "schemes": (list(SCHEMES), "names of the table"), "more": ("", "further options of `veiloc eval scene`")}
@@ -73,14 +87,13 @@ def alike(run):
     measured(run, run.table("places/alike.csv", *COLUMNS))
 
 
-def by_recipe(run, document: dict, table, place: str, column: str, key: str):
-    """A row for each scheme and recipe of a document."""
-    for row in document["schemes"]:
-        queries = [q for q in document["queries"] if (q["scheme"], q[key]) == (row["scheme"], row[key])]
-        table.add({"place": place, column: row[key].split()[0]} | trust_of(queries), row)
-
-
-THRESHOLDS = ["--schemes", "points,dcl", "--thresholds", "0.05/5,0.25/2"]
+def by_condition(run, table, place: str, column: str, names: dict, *options):
+    """A row for each scheme and condition; `names` has the cell of each condition."""
+    found = rows_of(run.document("eval", "scene", *run.scene(place), "--schemes", "points,dcl", "--thresholds", "0.05/5,0.25/2",
+                                 "--conditions", ",".join(names), *options))  # fmt: skip
+    for scheme, (condition, name) in product(("points", "dcl"), names.items()):
+        row, queries = found[scheme, condition, None]
+        table.add({"place": place, column: name} | trust_of(queries), row)
 
 
 @command("places/gravity.csv", places=PLACES, wrong=(["hololens-office", "tum-fr1-rpy"], "places with wrong directions, too"))
@@ -88,17 +101,14 @@ def gravity(run):
     """With the direction of gravity as an accelerometer gives it, off by half a degree or one, and by 5° or 90° more than it says."""
     table = run.table("places/gravity.csv", *COLUMNS[:2], "gravity ± (°), wrong by (°)", *COLUMNS[2:-1])
     for place in run.places:
-        for how in ["0.5", "1"] + ["0.5,5", "0.5,90"] * (place in run.wrong):
-            document = run.document("eval", "scene", *run.scene(place), *THRESHOLDS, "--gravity", how)
-            # The row without gravity once.
-            document["schemes"] = [row for row in document["schemes"] if how == "0.5" or row["gravity"] != "none"]
-            by_recipe(run, document, table, place, "gravity ± (°), wrong by (°)", "gravity")
+        how = ["0.5", "1"] + ["0.5,5", "0.5,90"] * (place in run.wrong)
+        names = {"none": "none"} | {f"gravity:{text.replace(',', '/')}": text for text in how}
+        by_condition(run, table, place, "gravity ± (°), wrong by (°)", names)
 
 
-@command("places/bursts.csv", places=["hololens-office", "tum-fr1-rpy", "redkitchen"], frames="1,2,3,5")
+@command("places/bursts.csv", places=["hololens-office", "tum-fr1-rpy", "redkitchen"], frames=["1", "2", "3", "5"])
 def bursts(run):
     """Frames of one walk together, with the odometry of a phone: 0.1° and 1 cm a step."""
     table = run.table("places/bursts.csv", *COLUMNS[:2], "frames", *COLUMNS[2:-1])
     for place in run.places:
-        document = run.document("eval", "rig", *run.scene(place), *THRESHOLDS, "--frames", run.frames, "--max-distance", 2)
-        by_recipe(run, document, table, place, "frames", "recipe")
+        by_condition(run, table, place, "frames", {f"frames:{n}": n for n in run.frames}, "--max-distance", 2)

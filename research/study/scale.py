@@ -12,6 +12,7 @@ from pathlib import Path
 
 from study.common import RESULTS, ROOT, SCENES, Package, cm, command, names_of, read_csv
 from study.log_plot import LogPlot, page
+from study.trust import out_of_map_rows
 
 np, index, ray, veiloc = Package("numpy"), Package("usearch.index"), Package("ray"), Package("veiloc")
 TIMES = [1, 5, 10, 20, 40, 80]
@@ -52,9 +53,8 @@ def compress(run):
             table.add([scene, times, f"{of['bytes'] / of['images'] / 1e3:.1f}", of["points"], *cells])
     for times in run.negatives:
         small = run.made(run.kept() / f"redkitchen-{times}.vmap", "map", "compress", run.map("redkitchen"), "--ratio", times)
-        found = run.document("eval", "negatives", "--map", small, "--images", run.place("training-photos"), "--split", "final")
-        for row in found["rows"]:
-            print(f"at 1/{times}, {row['scheme']}: {row['trusted']} trusted and {row['doubtful']} doubtful of {row['negatives']}")
+        for row in out_of_map_rows(run, small, "points,random-lines,dcl"):
+            print(f"at 1/{times}, {row['scheme']}: {row['trusted']} trusted and {row['doubtful']} doubtful of {row['queries']}")
     if run.out:
         plots(run)
 

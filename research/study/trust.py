@@ -1,12 +1,13 @@
 """Tables of docs/results/trust.md: when is a pose trusted, and is it right then?"""
 
 import math
-import statistics
+import os
 import tempfile
 from pathlib import Path
 
 from study.common import PLACES, RIGHT, SCENES, Package, cm, command, names_of, number, percent
-from study.geometry import Posed, angle, read_posed, rotation, write_posed
+from study.geometry import Posed, read_posed, rotation, write_posed
+from study.places import is_right, rows_of, trust_of
 from study.poses import ALL, LINES
 
 np = Package("numpy")
@@ -18,25 +19,32 @@ def out_of_map(run):
     table = run.table("trust/out-of-map.csv", "map", *NEGATIVES)
     for scene, folder, schemes in [("RedKitchen", "redkitchen", ALL), ("Herz-Jesu", "herzjesu", ALL), ("Lund door", "lund-door", LINES),
                                    ("rendered room", "rendered", LINES)]:  # fmt: skip
-        found = run.document("eval", "negatives", "--map", run.map(folder), "--images", run.place("training-photos"), "--split", "final",
-                             "--schemes", ",".join(schemes))  # fmt: skip
-        for row in found["rows"]:
+        for row in out_of_map_rows(run, run.map(folder), ",".join(schemes)):
             table.add({"map": scene}, row)
 
 
 NEGATIVES = ["scheme", "negative queries", "trusted", "doubtful", "not found", "log evidence, 99 % quantile", "log evidence, largest"]
 
 
+def out_of_map_rows(run, built, schemes: str, *options, condition: str = "negatives") -> list[dict]:
+    """Rows of the photos in the half that chose no constant, with quantiles of their evidence in which those without are below all."""
+    found = run.document("eval", "scene", "--map", built, "--conditions", condition, "--negatives", run.place("training-photos"),
+                         "--negatives-split", "final", "--schemes", schemes, "--jobs", os.cpu_count(), *options)  # fmt: skip
+    for row, queries in rows_of(found).values():
+        evidence = sorted(query.get("log_evidence", -math.inf) for query in queries)
+        last = {percent: evidence[math.ceil(len(evidence) * percent / 100) - 1] for percent in (99, 100)}
+        row["log_evidence"] = {str(percent): None if value == -math.inf else value for percent, value in last.items()}
+    return found["schemes"]
+
+
 @command("trust/places-negatives.csv", places=PLACES, schemes="points,dcl", every=(8, "each Nth of the photos"))
 def places_negatives(run):
     """Images of other places, on every place: those of `training-photos` in the half that chose no constant."""
     photos = run.place("training-photos")
-    listed = run.listed("negatives", [photo.relative_to(photos) for photo in sorted(photos.rglob("*.jpg"))[:: run.every]])
+    listed = run.listed(f"negatives-{run.every}", [photo.relative_to(photos) for photo in sorted(photos.rglob("*.jpg"))[:: run.every]])
     table = run.table("trust/places-negatives.csv", "place", *NEGATIVES)
     for place in run.places:
-        found = run.json("eval", "negatives", "--map", run.map(place), "--images", photos, "--list", listed, "--split", "final",
-                         "--schemes", run.schemes)  # fmt: skip
-        for row in found["rows"]:
+        for row in out_of_map_rows(run, run.map(place), run.schemes, "--negatives-list", listed):
             table.add({"place": place}, row)
 
 
@@ -48,16 +56,24 @@ def gravity_negatives(run):
         options = run.scene(place)
         # Any direction down serves: those of the queries are random.
         built = run.made(run.kept() / f"{place}-down.vmap", "map", "build", *options[:4], "--list", options[5], "--down", "z")
-        found = run.document("eval", "negatives", "--map", built, "--images", run.place("training-photos"), "--split", "final", "--schemes",
-                             run.schemes, "--random-gravity", 0.5)  # fmt: skip
-        for row in found["rows"]:
+        for row in out_of_map_rows(run, built, run.schemes, condition="negatives+gravity:0.5"):
             table.add({"place": place}, row)
 
 
-def stressed(run, folder: str, *options) -> dict:
-    """Rows of `eval stress` by scheme and condition."""
-    found = run.document("eval", "stress", *run.scene(folder), *options)
-    return {(row["scheme"], row["stress"]): row for row in found["rows"]}
+STRESS = ["none", "dark", "motion", "half-hidden", "side-hidden", "low-resolution", "sparse-map", "few-keypoints"]
+
+
+def stressed(run, folder: str, schemes, conditions=STRESS, *options) -> dict:
+    """Rows of `eval scene` by scheme and condition, with what the search loses if the optimum is there, too. A trusted pose beyond
+    25 cm (map units) or 2° is wrong."""
+    found = rows_of(run.document("eval", "scene", *run.scene(folder), "--conditions", ",".join(conditions), "--schemes", ",".join(schemes),
+                                 "--jobs", os.cpu_count(), *options))  # fmt: skip
+    for (scheme, condition, start), (row, queries) in found.items():
+        trust = trust_of(queries) if not start else {}
+        row |= {"stress": condition, "trusted_wrong": trust.get("trusted beyond 25 cm or 2°"), "trust": trust}
+        best, optimum = found.get((scheme, condition, "optimum"), ({}, []))
+        row |= {"optimum": best, "search_failures": sum(not is_right(q) and is_right(o) for q, o in zip(queries, optimum))}
+    return {(scheme, condition): row for (scheme, condition, start), (row, _) in found.items() if not start}
 
 
 def stress_table(run, name: str, *options):
@@ -65,9 +81,9 @@ def stress_table(run, name: str, *options):
     columns = ["within (%)", "median (cm)", "trusted", "trusted wrongly"]
     table = run.table(name, "scene", "stress", *(f"{scheme} {column}" for scheme in ("points", "dcl") for column in columns))
     for scene, folder in SCENES.items():
-        found = stressed(run, folder, "--query-keypoints", 1024, "--schemes", "points,dcl", *options)
+        found = stressed(run, folder, ["points", "dcl"], STRESS, "--query-keypoints", 1024, *options)
         within = "0.05/5" if folder == "redkitchen" else RIGHT
-        for condition in dict.fromkeys(condition for _, condition in found):
+        for condition in STRESS:
             rows = [found[scheme, condition] for scheme in ("points", "dcl")]
             table.add([scene, condition, *(cell for row in rows for cell in (
                 percent(row["recall"][within]), cm(row["median_translation"]), row["trusted"], row["trusted_wrong"]))])  # fmt: skip
@@ -79,22 +95,16 @@ def stress(run):
     stress_table(run, "trust/stress.csv")
 
 
-@command("trust/places-stress.csv", places=PLACES, schemes="points,dcl", stress="dark,motion,half-hidden,low-resolution,few-keypoints")
+@command("trust/places-stress.csv", places=PLACES, schemes=["points", "dcl"],
+         stress=["none", "dark", "motion", "half-hidden", "low-resolution", "few-keypoints"])  # fmt: skip
 def places_stress(run):
     """Queries under stress, on every place. A pose is wrong beyond 25 cm (map units) or 2°."""
     table = run.table("trust/places-stress.csv", "place", "stress", "scheme", "queries", "within 5 cm and 5° (%)",
                       "within 25 cm and 2° (%)", "median error (map units)", "trusted", "trusted wrongly", "of these beyond 3 ±",
                       "trusted, centre beyond 3 ±", "trusted, orientation beyond 3 ±")  # fmt: skip
     for place in run.places:
-        found = run.json("eval", "stress", *run.scene(place), "--schemes", run.schemes, "--stress", run.stress)
-        for row in found["rows"]:
-            own = [q for q in found["queries"] if (q["scheme"], q["stress"], q["state"]) == (row["scheme"], row["stress"], "trusted")]
-            moved = [q for q in own if q["center_error_over_sd"] is None or q["center_error_over_sd"] > 3]
-            turned = [q for q in own if q["rotation_error_deg"] > 3 * (q["rotation_sd_deg"] or 0)]
-            wrong = [q for q in own if q["translation_error"] > 0.25 or q["rotation_error_deg"] > 2]
-            table.add({"place": place, "median error (map units)": number(row["median_translation"], ".4g"), "trusted wrongly": len(wrong),
-                       "of these beyond 3 ±": sum(q in moved or q in turned for q in wrong), "trusted, centre beyond 3 ±": len(moved),
-                       "trusted, orientation beyond 3 ±": len(turned)}, row)  # fmt: skip
+        for row in stressed(run, place, run.schemes, run.stress).values():
+            table.add({"place": place, "median error (map units)": number(row["median_translation"], ".4g")} | row["trust"], row)
 
 
 @command("trust/search.csv")
@@ -103,7 +113,7 @@ def search(run):
     table = run.table("trust/search.csv", "scene", "stress", "within 25 cm and 2° (%)", "median error (cm)", "median ± (cm)", "trusted",
                       "trusted wrongly", "doubtful", "not found", "within 25 cm and 2°, optimum (%)", "lost by the search")  # fmt: skip
     for scene, folder in SCENES.items():
-        for row in stressed(run, folder, "--optimum", "--schemes", "dcl").values():
+        for row in stressed(run, folder, ["dcl"], STRESS, "--optimum").values():
             table.add({"scene": scene, "within 25 cm and 2°, optimum (%)": percent(row["optimum"]["recall"][RIGHT]),
                        "lost by the search": row["search_failures"]}, row)  # fmt: skip
 
@@ -114,23 +124,25 @@ def focal(run):
     table = run.table("trust/focal.csv", "scene", "focal length wrong by (%)", "scheme", "within 25 cm and 2° (%)", "median error (cm)",
                       "median ± (cm)", "trusted", "trusted wrongly", "doubtful")  # fmt: skip
     for scene, folder in SCENES.items():
-        found = stressed(run, folder, "--stress", "focal-1,focal-3,focal-10,focal-30", "--schemes", ",".join(LINES))
-        for wrong in (0, 1, 3, 10, 30):
+        conditions = {0: "none"} | {wrong: f"camera:f~{wrong}%" for wrong in (1, 3, 10, 30)}
+        found = stressed(run, folder, LINES, conditions.values())
+        for wrong, condition in conditions.items():
             for scheme in LINES:
-                table.add({"scene": scene, "focal length wrong by (%)": wrong}, found[scheme, f"focal-{wrong}" if wrong else "none"])
+                table.add({"scene": scene, "focal length wrong by (%)": wrong}, found[scheme, condition])
 
 
 @command("trust/gravity.csv")
 def gravity(run):
     """Queries with the direction of gravity, which is off by half a degree."""
-    options = ["--stress", "half-hidden,sparse-map", "--schemes", ",".join(LINES)]
-    known = {"no": stressed(run, "redkitchen", *options), "yes": stressed(run, "redkitchen", *options, "--gravity", 0.5)}
+    conditions = ["none", "half-hidden", "sparse-map"]
+    known = {"no": conditions, "yes": ["gravity:0.5", *(f"{condition}+gravity:0.5" for condition in conditions[1:])]}
+    found = stressed(run, "redkitchen", LINES, [*known["no"], *known["yes"]])
     table = run.table("trust/gravity.csv", "stress", "scheme", "gravity", "within 25 cm and 2° (%)", "median error (cm)",
                       "median error (°)", "trusted", "trusted wrongly", "doubtful", "not found")  # fmt: skip
-    for condition in ("none", "half-hidden", "sparse-map"):
+    for at, condition in enumerate(conditions):
         for scheme in LINES:
-            for name, found in known.items():
-                table.add({"gravity": name}, found[scheme, condition])
+            for name, own in known.items():
+                table.add({"gravity": name, "stress": condition}, found[scheme, own[at]])
 
 
 @command("trust/frames.csv")
@@ -138,10 +150,12 @@ def frames(run):
     """Several images of one device together."""
     table = run.table("trust/frames.csv", "stress", "scheme", "images", "queries", "localized", "trusted", "median error (cm)",
                       "median error (°)", "within 25 cm and 2° (%)")  # fmt: skip
-    for condition in ("none", "half-hidden", "sparse-map"):
-        for row in run.document("eval", "rig", *run.scene("redkitchen"), "--stress", condition)["schemes"]:
-            # The recipe is "4 frames".
-            table.add({"stress": condition, "images": row["recipe"].split()[0]}, row)
+    stress = {"none": "", "half-hidden": "half-hidden+", "sparse-map": "sparse-map+"}
+    names = {f"{prefix}frames:{count}": (name, count) for name, prefix in stress.items() for count in (1, 2, 4, 8)}
+    rows = run.document("eval", "scene", *run.scene("redkitchen"), "--conditions", ",".join(names), "--jobs", os.cpu_count())["schemes"]
+    for row in sorted(rows, key=lambda row: (list(stress).index(names[row["condition"]][0]), ALL.index(row["scheme"]))):
+        condition, count = names[row["condition"]]
+        table.add({"stress": condition, "images": count}, row)
 
 
 SHIFT = [10.0, 0.0, 0.0]
@@ -195,7 +209,9 @@ def localized(run, built, listed, scene, scheme, known):
         yield query, pose and Posed("", rotation(pose["q"]), np.array(pose["t"])), known[query["file"]]
 
 
-ERRORS = ["none", "cx 1 %", "cx 2 %", "cx 5 %", "cx 10 %", "fy 0.9", "k1 -0.2", "f 1.03", "f 0.8", "f 1.3"]
+# The name in the table, and the condition.
+ERRORS = {"none": "none"} | {f"cx {n} %": f"camera:cx+{n}%" for n in (1, 2, 5, 10)} | {
+    "fy 0.9": "camera:fy-10%", "k1 -0.2": "camera:k1-0.2", "f 1.03": "camera:f+3%", "f 0.8": "camera:f-20%", "f 1.3": "camera:f+30%"}  # fmt: skip
 
 
 @command("trust/camera.csv", scenes=["redkitchen", "herzjesu", "hololens-office", "tum-fr1-rpy", "llff-room", "fountain", "entry"],
@@ -210,45 +226,12 @@ def camera(run):
                       "trusted, centre beyond 3 ±", "trusted, orientation beyond 3 ±", "trusted beyond 25 cm or 2°",
                       "median error (map units)", "median error (°)")  # fmt: skip
     for name in run.scenes:
-        scene, built = run.place(name), run.map(name)
-        known, queries = read_posed(scene / "posed"), names_of(scene / "query.txt")[:: run.every]
+        *scene, listed = run.scene(name)
+        listed = run.listed(f"{name}-every-{run.every}", listed.read_text().splitlines()[:: run.every])
+        found = rows_of(run.document("eval", "scene", *scene, listed, "--conditions", ",".join(ERRORS.values()), "--schemes",
+                                     ",".join(run.schemes), "--jobs", os.cpu_count()))  # fmt: skip
         for scheme in run.schemes:
-            for error in ERRORS:
-                listed = run.listed("queries", [f"{query} {spoiled(known[query].camera.split(), error)}" for query in queries])
-                moves, turns, states, beyond = [], [], [], [0, 0, 0]
-                for query, found, true in localized(run, built, listed, scene, scheme, known):
-                    states.append(query["state"])
-                    moves.append(math.dist(found.center, true.center) if found else math.inf)
-                    turns.append(angle(found.r, true.r) if found else math.inf)
-                    if query["state"] == "trusted":
-                        beyond[0] += moves[-1] > 3 * query["position_sd"]
-                        beyond[1] += turns[-1] > 3 * query["confidence"]["rotation_sd_deg"]
-                        beyond[2] += moves[-1] > 0.25 or turns[-1] > 2
-                table.add([name, scheme, error, len(queries), states.count("trusted"), states.count("doubtful"), *beyond,
-                           f"{statistics.median(moves):.4g}", f"{statistics.median(turns):.2g}"])  # fmt: skip
-
-
-def spoiled(camera, error: str) -> str:
-    """The camera with one of ERRORS."""
-    model, width, height, *text = camera
-    params = [float(p) for p in text]
-    if error != "none":
-        what, value = error.split()[:2]
-        number = float(value)
-        if model in ("SIMPLE_PINHOLE", "SIMPLE_RADIAL"):
-            f, cx, cy, k = (*params, 0.0)[:4]
-            model, params = "OPENCV", [f, f, cx, cy, k, 0.0, 0.0, 0.0]
-        elif model == "PINHOLE":
-            model, params = "OPENCV", [*params, 0.0, 0.0, 0.0, 0.0]
-        elif model != "OPENCV":
-            raise SystemExit(f"camera model {model} is not supported here")
-        if what == "cx":
-            params[2] += number / 100 * int(width)
-        elif what == "fy":
-            params[1] *= number
-        elif what == "f":
-            params[0] *= number
-            params[1] *= number
-        else:
-            params[4] += number
-    return " ".join([model, width, height, *(repr(p) for p in params)])
+            for error, condition in ERRORS.items():
+                row, queries = found[scheme, condition, None]
+                table.add({"scene": name, "camera error": error, "median error (°)": number(row["median_rotation_deg"], ".2g"),
+                           "median error (map units)": number(row["median_translation"], ".4g")} | trust_of(queries), row)  # fmt: skip
