@@ -210,7 +210,7 @@ def make(args):
 
 
 class Judge:
-    """The metrics of `veiloc eval inversion` (crates/research/evaluation/src/inversion)."""
+    """The metrics of `veiloc eval inversion` (crates/research/evaluation/src/attack_evaluation/inversion)."""
 
     CROP, CLASSIFIED = 0.875, 224
 

@@ -2,7 +2,7 @@
 """Masks of a region like a person's, one for each image of a list: an upright ellipse of a tenth of the image at random.
 
 For `veiloc eval scene --masks`: the region that docs/results/privacy.md attacks as private is such an ellipse (height over width 2.5,
-crates/research/evaluation/src/audit/private_region.rs), there of a tenth of the keypoints. Black hides. Equal names give equal masks.
+crates/research/evaluation/src/attack_evaluation/private_region.rs), there of a tenth of the keypoints. Black hides. Equal names give equal masks.
 
     .venv/bin/python research/notes/person_masks.py --images $VEILOC_DATA/redkitchen/images \
         --list $VEILOC_DATA/redkitchen/query.txt --out masks [--share 0.1]

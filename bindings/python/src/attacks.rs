@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_images};
-use veiloc_evaluation::audit::{
+use veiloc_evaluation::attack_evaluation::{
     ATTACKS, Attack, AttackEvaluation, AttackObserver, AttackProgress, AuditOptions, ImageGroup,
     attack_groups, run_audit,
 };

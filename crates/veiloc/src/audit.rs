@@ -7,7 +7,7 @@
 
 pub use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_image, keypoints_of_images};
 pub use veiloc_evaluation::EvalError;
-pub use veiloc_evaluation::audit::{
+pub use veiloc_evaluation::attack_evaluation::{
     ATTACKS, Attack, AttackDocument, AttackEvaluation, AttackInput, AttackObserver, AttackRequirements,
     AttackSummary, ImageGroup, NeighbourSource, RecoveredPositions, attack_groups, attacks_table,
     evaluate_attacks,

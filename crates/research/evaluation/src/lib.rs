@@ -4,18 +4,17 @@
 //!   [`Condition`]: queries that are dark, blurred or occluded, a sparse map, a wrong camera, gravity, several images
 //!   together, and out-of-map images, which must not be localized.
 //! - [`drawn_queries`]: data for a report's drawings of single queries that no document holds.
+//! - [`attack_evaluation`]: what an attacker recovers from sealed queries.
 //! - [`make_problems`]: problems for the pose engine alone, which `veiloc_evaluation::pose` evaluates.
 //!
 //! Metrics, JSON documents and text tables are in `veiloc_evaluation::results`.
 #![forbid(unsafe_code)]
 
-pub mod audit;
+pub mod attack_evaluation;
 mod error;
-pub mod inversion;
 mod make_problems;
 pub mod pipeline;
 pub mod pose;
-pub mod privacy;
 pub mod results;
 mod scene;
 

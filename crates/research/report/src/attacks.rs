@@ -1,7 +1,7 @@
 //! Results of attacks: the strongest on each scheme, all attacks, and figures of one image.
 
 use maud::{Markup, html};
-use veiloc_evaluation::audit::{
+use veiloc_evaluation::attack_evaluation::{
     Attack, AttackDocument, AttackSummary, Neighbours, ShownImage, StrongestAttacks,
 };
 

@@ -1,7 +1,7 @@
 //! The report of `veiloc audit`: what attackers recover from sealed queries, for operators, developers and reviewers.
 
 use maud::{Markup, html};
-use veiloc_evaluation::audit::{
+use veiloc_evaluation::attack_evaluation::{
     Attack, Audit, AuditOptions, AuditPart, PROTECTION, ShownAttack, ShownImage, ShownImages, ShownScheme,
 };
 use veiloc_protocol::Scheme;

@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 use maud::{Markup, html};
-use veiloc_evaluation::audit::{AttackDocument, ShownImage};
+use veiloc_evaluation::attack_evaluation::{AttackDocument, ShownImage};
 use veiloc_geometry::Pixel;
 
 use crate::attacks;

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use maud::{Markup, html};
 use veiloc_attacks::ErrorSummary;
-use veiloc_evaluation::audit::{ShownAttack, ShownImage, ShownScheme};
+use veiloc_evaluation::attack_evaluation::{ShownAttack, ShownImage, ShownScheme};
 use veiloc_geometry::{Pixel, PixelLine};
 use veiloc_protocol::Observations;
 

@@ -2,7 +2,7 @@
 //! its descriptors.
 
 use maud::{Markup, html};
-use veiloc_evaluation::inversion::{
+use veiloc_evaluation::attack_evaluation::inversion::{
     ContactSheet, InversionDocument, NetworkRow, ReconstructionRow, SummaryRow, Tile,
 };
 

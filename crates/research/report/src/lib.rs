@@ -4,7 +4,7 @@
 //!
 //! - [`localization_page`]: localized queries ([`LocalizationReport`]): tables, the scene in 3D, single queries.
 //! - [`demo_page`]: a query stage by stage, and what attackers recover ([`DemoReport`]).
-//! - [`audit_page`]: what attackers recover from sealed queries ([`veiloc_evaluation::audit::Audit`]).
+//! - [`audit_page`]: what attackers recover from sealed queries ([`veiloc_evaluation::attack_evaluation::Audit`]).
 //! - [`inversion_page`]: images reconstructed from descriptors.
 //! - [`map_picture`]: a small drawing of a map from above.
 //!

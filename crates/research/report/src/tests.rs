@@ -7,7 +7,7 @@ use image::{Rgb, RgbImage};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_datasets::problem_files::{KeypointImage, synthetic_image};
-use veiloc_evaluation::audit::{
+use veiloc_evaluation::attack_evaluation::{
     Attack, AttackEvaluation, AttackSummary, Audit, AuditOptions, ImageGroup, PROTECTION, run_audit,
 };
 use veiloc_evaluation::results::SchemeSummary;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use veiloc_evaluation::audit::{
+use veiloc_evaluation::attack_evaluation::{
     Attack, AttackEvaluation, FrameChoice, MeasuredKeypoints, NeighbourSource, PrivateRegion,
     ServerKnowledge, attacks_table, evaluate_attacks,
 };

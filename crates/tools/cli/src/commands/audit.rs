@@ -5,7 +5,7 @@ mod inputs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use veiloc_evaluation::audit::{
+use veiloc_evaluation::attack_evaluation::{
     Attack, AttackEvaluation, Audit, AuditOptions, PROTECTION, attacks_table, run_audit, strongest_table,
 };
 use veiloc_protocol::ExtractionLimits;

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use crate::commands::page_args::{PageConfig, PageView, page};
 use crate::demo::{DemoOptions, HiddenViews, map_scene, run_demo};
-use veiloc_evaluation::audit::attacks_table;
+use veiloc_evaluation::attack_evaluation::attacks_table;
 use veiloc_evaluation::results::table;
 use veiloc_service::{ListenAddress, MapSource, ServerOptions, run_until_signal};
 

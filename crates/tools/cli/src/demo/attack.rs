@@ -5,7 +5,7 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use veiloc_datasets::problem_files::{KeypointImage, seed_for};
-use veiloc_evaluation::audit::{
+use veiloc_evaluation::attack_evaluation::{
     Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackProgress, AttackTrial, ImageGroup,
     ShownImage, ShownImages, attack_groups,
 };

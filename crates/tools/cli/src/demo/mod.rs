@@ -17,7 +17,7 @@ use serde::Serialize;
 use veiloc_map::MapFile;
 use veiloc_map::colmap::read_posed;
 
-use veiloc_evaluation::audit::AttackDocument;
+use veiloc_evaluation::attack_evaluation::AttackDocument;
 use veiloc_evaluation::results::EvaluationDocument;
 use veiloc_evaluation::results::metrics::Threshold;
 use veiloc_evaluation::{SceneEvaluation, evaluate_scene};

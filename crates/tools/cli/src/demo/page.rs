@@ -4,7 +4,7 @@ use veiloc_evaluation::{DrawnQuery, SceneEvaluation, drawn_queries};
 use veiloc_features::Progress;
 use veiloc_map::MapFile;
 
-use veiloc_evaluation::audit::Attack;
+use veiloc_evaluation::attack_evaluation::Attack;
 use veiloc_evaluation::results::{EvaluationDocument, SchemeSummary};
 use veiloc_report::{
     Card, DemoReport, DeviceQuery, LengthUnit, LocalizationReport, QueryDrawing, SceneView, worst_first,

@@ -10,7 +10,8 @@ use schemars::generate::SchemaSettings;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde_json::Value;
 use utoipa::ToSchema as _;
-use veiloc_evaluation::{audit, inversion, privacy, results};
+use veiloc_evaluation::attack_evaluation::{AttackDocument, AuditDocument, adversaries, inversion, sessions};
+use veiloc_evaluation::results;
 use veiloc_protocol::AnswerDocument;
 
 use self::page::Page;
@@ -35,10 +36,10 @@ pub fn json_reference() -> Result<String, String> {
     page.section("query send", &schema::<commands::query::send::Document>());
     page.section("eval scene", &schema::<results::EvaluationDocument>());
     page.section("eval dataset", &schema::<results::DataSetEvaluation>());
-    page.section("eval sessions", &schema::<privacy::sessions::SessionsDocument>());
-    page.section("eval adversaries", &schema::<privacy::adversaries::AdversariesDocument>());
-    page.section("attack", &schema::<audit::AttackDocument>());
-    page.section("audit", &schema::<audit::AuditDocument>());
+    page.section("eval sessions", &schema::<sessions::SessionsDocument>());
+    page.section("eval adversaries", &schema::<adversaries::AdversariesDocument>());
+    page.section("attack", &schema::<AttackDocument>());
+    page.section("audit", &schema::<AuditDocument>());
     page.section("demo", &schema::<crate::demo::DemoDocument>());
     page.section("eval inversion", &schema::<inversion::InversionDocument>());
     page.finish()

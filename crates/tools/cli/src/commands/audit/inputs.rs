@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_images, read_keypoints};
-use veiloc_evaluation::audit::{Attack, ImageGroup};
+use veiloc_evaluation::attack_evaluation::{Attack, ImageGroup};
 use veiloc_features::{Extractor, Progress};
 use veiloc_protocol::ExtractionLimits;
 

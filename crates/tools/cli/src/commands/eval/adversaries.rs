@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use veiloc_evaluation::SceneEvaluation;
-use veiloc_evaluation::privacy::adversaries::{
+use veiloc_evaluation::attack_evaluation::adversaries::{
     AdversariesEvaluation, Adversary, adversaries_table, evaluate_adversaries,
 };
 use veiloc_protocol::Scheme;

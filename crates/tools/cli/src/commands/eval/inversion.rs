@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use veiloc_datasets::problem_files::keypoints_of_images;
-use veiloc_evaluation::inversion::{
+use veiloc_evaluation::attack_evaluation::inversion::{
     Classifier, Detector, ImageMetrics, InversionEvaluation, InversionNetwork, PerceptualDistance,
     RealisticAttackOptions, evaluate_inversion, evaluation_table,
 };

@@ -2,7 +2,7 @@
 
 use std::num::NonZeroUsize;
 
-use veiloc_evaluation::privacy::sessions::{Motion, SessionsEvaluation, evaluate_sessions, table};
+use veiloc_evaluation::attack_evaluation::sessions::{Motion, SessionsEvaluation, evaluate_sessions, table};
 use veiloc_obfuscation::{SessionAnchors, SessionOptions};
 
 use crate::commands::eval::posed_scene::with_remedy;

@@ -1,7 +1,7 @@
 //! `--attack N` of the data-set commands: what each adversary recovers from the queries of each scene.
 
 use veiloc_evaluation::SceneEvaluation;
-use veiloc_evaluation::privacy::adversaries::{
+use veiloc_evaluation::attack_evaluation::adversaries::{
     AdversariesDocument, AdversariesEvaluation, adversaries_table, evaluate_adversaries,
 };
 

@@ -8,7 +8,7 @@ use super::document::AttackSummary;
 use super::neighbours::NeighbourSource;
 use super::options::{AttackEvaluation, PrivateRegion};
 use crate::EvalError;
-use crate::audit::learned_attacks::TrainedPositions;
+use crate::attack_evaluation::position_networks::TrainedPositions;
 use crate::results::metrics::median;
 
 /// A row while the attacks run.

@@ -16,7 +16,7 @@ use super::pixels::on_grid;
 use super::recovered::{RealisticAttackOptions, RecoveredImage, RecoveredImages, attack};
 use super::visibility::VisibilityScores;
 use crate::EvalError;
-use crate::audit::descriptors;
+use crate::attack_evaluation::descriptors;
 
 /// Side of the wide view, relative to the image.
 const WIDE: u32 = 2;

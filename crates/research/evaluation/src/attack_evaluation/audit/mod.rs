@@ -1,6 +1,9 @@
 //! The audit: attacks on images and on the paper's synthetic scene, with their document and the data for a report's
 //! drawings.
 
+mod protection;
+mod shown_images;
+
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -10,11 +13,14 @@ use serde::Serialize;
 use veiloc_features::Progress;
 
 use crate::EvalError;
-use crate::audit::{
+use crate::attack_evaluation::{
     AttackDocument, AttackEvaluation, AttackObserver, AttackProgress, AttackTrial, ImageGroup,
-    NeighbourSource, RowErrors, ShownImages, StrongestAttacks, attack_groups,
+    NeighbourSource, StrongestAttacks, attack_groups,
 };
+
 use crate::results::metrics::median;
+pub use protection::PROTECTION;
+pub use shown_images::{RowErrors, ShownAttack, ShownImage, ShownImages, ShownScheme};
 
 /// Inputs and options of an audit.
 #[derive(Debug, Clone)]
@@ -209,7 +215,7 @@ mod tests {
     use veiloc_protocol::Scheme;
 
     use super::*;
-    use crate::audit::Attack;
+    use crate::attack_evaluation::Attack;
 
     #[test]
     fn repeated_options_are_deduplicated() {

@@ -9,7 +9,7 @@ use base64::engine::general_purpose::STANDARD;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_evaluation::EvalError;
-use veiloc_evaluation::audit::{
+use veiloc_evaluation::attack_evaluation::{
     Attack, AttackDocument, AttackEvaluation, AttackSummary, FrameChoice, MeasuredKeypoints, NeighbourSource,
     PrivateRegion, ServerKnowledge, evaluate_attacks,
 };

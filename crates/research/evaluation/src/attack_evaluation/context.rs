@@ -1,9 +1,9 @@
 //! One attack on one image: the attacker's inputs and answers.
 
 use crate::EvalError;
-use crate::audit::learned_attacks::TrainedPositions;
-use crate::audit::multi_view::{FrameChoice, multi_view_answers};
-use crate::audit::server_view::ServerView;
+use crate::attack_evaluation::multi_view::{FrameChoice, multi_view_answers};
+use crate::attack_evaluation::position_networks::TrainedPositions;
+use crate::attack_evaluation::server_view::ServerView;
 use veiloc_attacks::multi_view::{RestingOptions, TriangulatedKeypoint, resting_camera};
 use veiloc_attacks::{
     DecodedDescriptors, Density, KnownImage, MapVisibility, NeighbourLists, Observation,
@@ -25,7 +25,7 @@ pub struct AttackInput<'a> {
     /// Density of keypoints in the other images of the scene.
     pub density: &'a Density,
     /// Positions and neighbours from map images; `None` unless the attack's
-    /// [`AttackRequirements`](crate::audit::AttackRequirements) require them.
+    /// [`AttackRequirements`](crate::attack_evaluation::AttackRequirements) require them.
     pub transferred: Option<&'a TransferredPositions>,
     /// All images of the scene with descriptors; empty unless the attack's needs require them.
     pub images: &'a [KnownImage],

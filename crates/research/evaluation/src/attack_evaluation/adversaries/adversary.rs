@@ -100,7 +100,7 @@ impl Adversary {
         )
     }
 
-    /// Its attacks, by their names in [`crate::audit::ATTACKS`].
+    /// Its attacks, by their names in [`crate::attack_evaluation::ATTACKS`].
     pub const fn attacks(self) -> &'static [&'static str] {
         match self {
             // The layout of the graph needs 60 % true neighbours, but descriptors give 5 to 11 % (`docs/results/privacy.md`):
@@ -176,7 +176,7 @@ impl FromStr for Adversary {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::audit::Attack;
+    use crate::attack_evaluation::Attack;
 
     #[test]
     fn attacks_of_adversaries_exist() {

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use veiloc_protocol::{AngleBits, Scheme};
 
-use crate::audit::attacks::Attack;
-use crate::audit::multi_view::FrameChoice;
-use crate::audit::neighbours::NeighbourSource;
+use crate::attack_evaluation::attacks::Attack;
+use crate::attack_evaluation::multi_view::FrameChoice;
+use crate::attack_evaluation::neighbours::NeighbourSource;
 
 /// Options of an evaluation of attacks.
 #[derive(Debug, Clone)]

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::EvalError;
-use crate::audit::{
+use crate::attack_evaluation::{
     Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackProgress, AttackSummary, ImageGroup,
     MeasuredKeypoints, NeighbourSource, PrivateRegion, ServerKnowledge, attack_groups,
 };

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use veiloc_evaluation::EvalError;
-use veiloc_evaluation::inversion::{
+use veiloc_evaluation::attack_evaluation::inversion::{
     Classifier, ContactSheet, ImageMetrics, InversionDocument, InversionEvaluation, InversionNetwork,
     PerceptualDistance, RealisticAttackOptions, SummaryRow, evaluate_inversion, evaluation_table,
 };

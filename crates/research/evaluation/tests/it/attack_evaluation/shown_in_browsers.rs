@@ -1,6 +1,6 @@
 //! The web page shows attacks of this table: with their names and descriptions, and the same number of neighbours.
 
-use veiloc_evaluation::audit::{Attack, AttackEvaluation};
+use veiloc_evaluation::attack_evaluation::{Attack, AttackEvaluation};
 use veiloc_web::inspection::{ATTACKS, NEIGHBOURS};
 
 #[test]

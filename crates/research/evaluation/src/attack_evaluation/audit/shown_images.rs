@@ -5,7 +5,7 @@ use veiloc_attacks::{NeighbourLists, Observation};
 use veiloc_geometry::Pixel;
 use veiloc_protocol::{Observations, Scheme};
 
-use crate::audit::{Attack, AttackObserver, AttackTrial};
+use crate::attack_evaluation::{Attack, AttackObserver, AttackTrial};
 
 /// Errors of all keypoints, and the recovered positions of the first images.
 #[derive(Debug, Clone, Default)]

@@ -95,7 +95,7 @@ pub fn strongest_table(document: &AttackDocument) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::audit::Neighbours;
+    use crate::attack_evaluation::Neighbours;
 
     fn row(attack: &str, corrupt: f64, bits_over_prior: f64) -> AttackSummary {
         let attack = attack.parse().expect("an attack");

@@ -6,7 +6,9 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints};
 use veiloc_descriptor::{DescriptorError, DescriptorKind, Descriptors, Encoding};
-use veiloc_evaluation::audit::{ATTACKS, Attack, AttackEvaluation, NeighbourSource, evaluate_attacks};
+use veiloc_evaluation::attack_evaluation::{
+    ATTACKS, Attack, AttackEvaluation, NeighbourSource, evaluate_attacks,
+};
 use veiloc_geometry::Pixel;
 
 /// Folder of the networks of `research/oracles/tiny_networks.py`.

@@ -32,7 +32,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_obfuscation::{SessionAnchors, SessionOptions};
 use veiloc_protocol::Scheme;
 
-use crate::privacy::spread::spread;
+use crate::attack_evaluation::spread::spread;
 use attack::{AttackErrors, attack};
 use device::{Gyroscope, Sealed, sealed_in_session};
 use frames::{DeviceFrame, device_frame, stationary_frames};

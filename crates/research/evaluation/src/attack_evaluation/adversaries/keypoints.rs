@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::EvalError;
-use crate::privacy::spread::spread;
+use crate::attack_evaluation::spread::spread;
 use crate::{GeneratedProblem, SceneEvaluation, folder_name, make_problems};
 use tempfile::TempDir;
 use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints, json_lines, read_keypoints};

@@ -1,7 +1,7 @@
 //! Frames of a session before sealing.
 
 use crate::EvalError;
-use crate::audit::person;
+use crate::attack_evaluation::person;
 use crate::pipeline::PosedQuery;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -11,10 +11,10 @@ use veiloc_attacks::{
 };
 
 use crate::EvalError;
-use crate::audit::attempt::{AttackInput, RecoveredPositions};
+use crate::attack_evaluation::context::{AttackInput, RecoveredPositions};
 
 /// An attack that recovers keypoint positions. The attacks of this crate are in [`ATTACKS`]; a caller adds its own
-/// attack as another value of this type in [`crate::audit::AttackEvaluation::attacks`].
+/// attack as another value of this type in [`crate::attack_evaluation::AttackEvaluation::attacks`].
 #[derive(Clone, Copy)]
 pub struct Attack {
     /// Name in tables, documents and on the command line; attacks are equal if their names are.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use crate::EvalError;
-use crate::audit::{
+use crate::attack_evaluation::{
     Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackTrial, ImageGroup, NeighbourSource,
     attack_groups,
 };

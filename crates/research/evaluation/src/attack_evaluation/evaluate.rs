@@ -14,12 +14,12 @@ use veiloc_protocol::{Observations, Scheme};
 
 use super::angle_gate::restricted_by_angle;
 use super::attacks::Attack;
-use super::attempt::AttackInput;
+use super::context::AttackInput;
 use super::document::AttackDocument;
-use super::learned_attacks::TrainedPositions;
 use super::neighbours::{NeighbourSource, Precision, descriptors, from_others, known};
 use super::observer::{AttackObserver, AttackTrial, ImageGroup, Progress};
 use super::options::AttackEvaluation;
+use super::position_networks::TrainedPositions;
 use super::rows::{Row, check, rows, summary};
 use super::server::{Server, ServerStatistics, reseal_image, seal_image};
 use super::server_view::ServerView;

@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use veiloc_evaluation::SceneEvaluation;
-use veiloc_evaluation::privacy::sessions::{Motion, SessionRow, SessionsEvaluation, evaluate_sessions};
+use veiloc_evaluation::attack_evaluation::sessions::{
+    Motion, SessionRow, SessionsEvaluation, evaluate_sessions,
+};
 use veiloc_map::colmap::read_posed;
 use veiloc_obfuscation::{SessionAnchors, SessionOptions};
 use veiloc_protocol::Scheme;
@@ -47,7 +49,7 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
 #[real_data_test]
 fn world_anchors_protect_a_session(data: &Path) {
     let document = evaluate_sessions(&kitchen(data), &()).expect("evaluated");
-    println!("{}", veiloc_evaluation::privacy::sessions::table(&document));
+    println!("{}", veiloc_evaluation::attack_evaluation::sessions::table(&document));
     // The better of the methods, which an attacker can find on its own images.
     let bits = |anchors: &str, motion: Motion, keypoints: &str| {
         let of = |r: &&SessionRow| {

@@ -1,3 +1,0 @@
-//! Tests of `privacy`.
-
-mod real_sessions;
