@@ -6,8 +6,7 @@ use std::path::PathBuf;
 use pyo3::prelude::*;
 use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_images};
 use veiloc_evaluation::attack_evaluation::{
-    ATTACKS, Attack, AttackEvaluation, AttackObserver, AttackProgress, AuditOptions, ImageGroup,
-    attack_groups, run_audit,
+    ATTACKS, Attack, AttackEvaluation, AuditOptions, ImageGroup, evaluate_attacks, run_audit,
 };
 use veiloc_features::{Extractors, Progress};
 use veiloc_protocol::{ExtractionLimits, Scheme};
@@ -19,14 +18,6 @@ use crate::errors::{BindingError, Result};
 #[pyfunction]
 pub(crate) fn attack_names() -> Vec<&'static str> {
     ATTACKS.map(|attack| attack.name).to_vec()
-}
-
-struct ProgressObserver<'a>(AttackProgress<'a>);
-
-impl AttackObserver for ProgressObserver<'_> {
-    fn advance(&mut self, _done: usize, total: usize) {
-        self.0.advance(total);
-    }
 }
 
 /// The attacks and schemes of one evaluation.
@@ -97,13 +88,12 @@ pub(crate) fn attack<'py>(
     seed: u64,
     progress: Option<Py<PyAny>>,
 ) -> Result<Bound<'py, PyAny>> {
-    let evaluation = evaluation(attacks, schemes, seed)?;
+    let mut evaluation = evaluation(attacks, schemes, seed)?;
     let text = ProgressCallback::new(py, progress)?.run(py, |progress| -> Result<_> {
         let images = keypoints(&images, features, max_keypoints, max_image_side, progress)?;
-        let group = ImageGroup { name: "images".to_owned(), images };
-        let mut observer = ProgressObserver(AttackProgress::new(progress, "Attacking"));
-        let found = attack_groups(&evaluation, vec![group], &mut observer).map_err(BindingError::other)?;
-        progress.finish();
+        evaluation.groups.push(ImageGroup { name: "images".to_owned(), images });
+        let found =
+            evaluate_attacks(&evaluation, "Attacking", progress, &mut |_| {}).map_err(BindingError::other)?;
         Ok(serde_json::to_string(&found))
     })??;
     json_to_python(py, text)
@@ -135,14 +125,13 @@ pub(crate) fn audit<'py>(
     synthetic: usize,
     progress: Option<Py<PyAny>>,
 ) -> Result<Bound<'py, PyAny>> {
-    let evaluation = AttackEvaluation { synthetic, ..evaluation(attacks, schemes, seed)? };
+    let mut evaluation = AttackEvaluation { synthetic, ..evaluation(attacks, schemes, seed)? };
     let text = ProgressCallback::new(py, progress)?.run(py, |progress| -> Result<_> {
-        let mut groups = Vec::new();
         if !images.is_empty() {
             let images = keypoints(&images, features, max_keypoints, max_image_side, progress)?;
-            groups.push(ImageGroup { name: "images".to_owned(), images });
+            evaluation.groups.push(ImageGroup { name: "images".to_owned(), images });
         }
-        let options = AuditOptions { evaluation, groups, shown: 0, command: "veiloc.audit".to_owned() };
+        let options = AuditOptions { evaluation, shown: 0, command: "veiloc.audit".to_owned() };
         let found = run_audit(&options, &|_, _| None, progress).map_err(BindingError::other)?;
         Ok(serde_json::to_string(&found.document))
     })??;

@@ -10,7 +10,8 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 
 use veiloc::audit::{
-    Attack, AttackDocument, AttackEvaluation, ImageGroup, attack_groups, attacks_table, keypoints_of_images,
+    Attack, AttackDocument, AttackEvaluation, ImageGroup, attacks_table, evaluate_attacks,
+    keypoints_of_images,
 };
 use veiloc::device::Sift;
 use veiloc::protocol::ExtractionLimits;
@@ -40,7 +41,10 @@ fn rendered_images(folder: &Path) -> Result<Vec<PathBuf>, Box<dyn Error>> {
 fn attack(images: &[PathBuf]) -> Result<AttackDocument, Box<dyn Error>> {
     let limits = ExtractionLimits { max_keypoints: 512, ..ExtractionLimits::default() };
     let images = keypoints_of_images(images, &Sift::for_sealing(), limits, &())?;
-    let evaluation =
-        AttackEvaluation { attacks: vec![Attack::CLOSED_FORM, Attack::GRAPH], ..AttackEvaluation::default() };
-    Ok(attack_groups(&evaluation, vec![ImageGroup { name: "own images".to_owned(), images }], &mut ())?)
+    let evaluation = AttackEvaluation {
+        groups: vec![ImageGroup { name: "own images".to_owned(), images }],
+        attacks: vec![Attack::CLOSED_FORM, Attack::GRAPH],
+        ..AttackEvaluation::default()
+    };
+    Ok(evaluate_attacks(&evaluation, "Attacking", &(), &mut |_| {})?)
 }

@@ -8,7 +8,6 @@
 pub use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_image, keypoints_of_images};
 pub use veiloc_evaluation::EvalError;
 pub use veiloc_evaluation::attack_evaluation::{
-    ATTACKS, Attack, AttackDocument, AttackEvaluation, AttackInput, AttackObserver, AttackRequirements,
-    AttackSummary, ImageGroup, NeighbourSource, RecoveredPositions, attack_groups, attacks_table,
-    evaluate_attacks,
+    ATTACKS, Attack, AttackContext, AttackDocument, AttackEvaluation, AttackSummary, AttackTrial, ImageGroup,
+    Knowledge, NeighbourSource, RecoveredPositions, attacks_table, evaluate_attacks,
 };

@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 use veiloc_evaluation::attack_evaluation::{
-    Attack, AttackDocument, AttackSummary, Neighbours, ShownImage, StrongestAttacks,
+    Attack, AttackDocument, AttackSummary, Knowledge, Neighbours, ShownImage, StrongestAttacks,
 };
 
 use crate::drawing::{AttackFigures, error_legend};
@@ -12,8 +12,8 @@ use crate::table::{Cell, Table, bar, cell, number, words};
 
 /// An attack has recovered the keypoints when their median error is below this, pixels.
 const RECOVERED_PX: f64 = 10.0;
-/// An attack has narrowed the positions down when its median error is below this fraction of the baseline's.
-const NARROWED: f64 = 0.75;
+/// Smallest gain over the baseline that counts, bits: less is written as zero.
+const MIN_GAIN: f64 = 0.005;
 
 /// Schemes in the order of the document.
 pub(crate) fn schemes(document: &AttackDocument) -> Vec<&str> {
@@ -36,7 +36,6 @@ pub(crate) fn summary(document: &AttackDocument) -> Markup {
     for (index, StrongestAttacks { scheme, without_oracle, with_oracle }) in
         document.strongest().iter().enumerate()
     {
-        let Some(baseline) = document.row(scheme, Attack::PRIOR) else { continue };
         let attackers = [
             ("without an oracle", *without_oracle),
             ("with true neighbours", *with_oracle),
@@ -48,7 +47,7 @@ pub(crate) fn summary(document: &AttackDocument) -> Markup {
             let is_baseline = row.attack == Attack::PRIOR;
             let cells = vec![
                 cell(attacker.to_owned()),
-                Some(result(row, baseline)).filter(|_| !is_baseline),
+                result(row).filter(|_| !is_baseline),
                 cell(pixels(row.median_px)),
                 Some(html! { (percent(row.under_10px)) (bar(row.under_10px)) }),
                 bits(row),
@@ -64,11 +63,11 @@ pub(crate) fn summary(document: &AttackDocument) -> Markup {
             "The table has, for each scheme, the strongest attack that a real attacker can run, the strongest one to which an \
              oracle gives the true nearest neighbours of each keypoint, which no real attacker has, and the prior-only baseline, \
              the best answer from the single line alone. Positions are recovered when half of the keypoints come out within \
-             10 px of the truth, and narrowed down when the median error is under three quarters of the baseline's."
+             10 px of the truth; an attack is no better when it gains no bits over the baseline. One bit halves the error, on \
+             average over keypoints; a negative number is worse than the baseline."
         }
         p {
-            "A scheme protects against an attack as far as the attack is no better than the baseline. One bit halves the error, \
-             on average over keypoints; a negative number is worse than the baseline. A large error shows that this attack fails, \
+            "A scheme protects against an attack as far as the attack gains nothing over the baseline. A large error shows that this attack fails, \
              not that every attack fails. Only positions are attacked here: descriptors are sent under every scheme."
         }
     };
@@ -78,13 +77,15 @@ pub(crate) fn summary(document: &AttackDocument) -> Markup {
     }
 }
 
-fn result(row: &AttackSummary, baseline: &AttackSummary) -> Markup {
-    let (class, words) = match row.median_px {
-        error if error < RECOVERED_PX => ("result recovered", "recovered"),
-        error if error < NARROWED * baseline.median_px => ("result narrowed", "narrowed down"),
-        _ => ("result protected", "no better"),
+/// The verdict: any gain over the baseline is named; `None` for an unknown one.
+fn result(row: &AttackSummary) -> Cell {
+    let (class, words) = match row.bits_over_prior {
+        _ if row.median_px < RECOVERED_PX => ("result recovered", "recovered".to_owned()),
+        bits if bits >= MIN_GAIN => ("result narrowed", format!("gains {bits:.2} bits")),
+        bits if bits < MIN_GAIN => ("result protected", "no better".to_owned()),
+        _ => return None,
     };
-    html! { span class=(class) { (words) } }
+    Some(html! { span class=(class) { (words) } })
 }
 
 const fn row_class(is_baseline: bool, begins_group: bool) -> &'static str {
@@ -179,7 +180,7 @@ pub(crate) fn needs(document: &AttackDocument) -> Markup {
             Neighbours::Network => "neighbours predicted from descriptors by a network".to_owned(),
             Neighbours::Transferred => "neighbours in the images of a map".to_owned(),
         };
-        let needs = match (attack.holds, attack.needs.neighbours) {
+        let needs = match (attack.holds, attack.needs(Knowledge::Neighbours)) {
             ("", false) => "nothing else".to_owned(),
             ("", true) => neighbours,
             (holds, false) => holds.to_owned(),

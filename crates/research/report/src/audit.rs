@@ -31,7 +31,7 @@ pub fn audit_page(audit: &Audit, options: &AuditOptions) -> String {
         count(schemes(attacks).len(), "scheme"),
     );
     let page = Page {
-        title: "What an attacker recovers from sealed queries",
+        title: "Attacks on sealed queries",
         lead: &lead,
         notices: inputs.and_then(|(_, gallery)| notice(gallery)).into_iter().collect(),
         sections: vec![

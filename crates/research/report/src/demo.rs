@@ -61,7 +61,7 @@ pub fn demo_page(report: &DemoReport) -> String {
             Section::new("lines", "3. Lines, sealed", or_nothing(drawing.map(lines))),
             Section::new("matched", "4. Matched to the map", or_nothing(drawing.map(matched))),
             Section::new("pose", "5. The pose", or_nothing((!tables.0.is_empty()).then_some(found))),
-            Section::new("attacks", "6. What attackers recover", recovered(report)),
+            Section::new("attacks", "6. Attacks on sealed queries", recovered(report)),
             Section::new("queries", "Queries, worst first", queries_section(run)),
         ],
         facts: &run.facts,

@@ -29,9 +29,9 @@ fn audited(image: KeypointImage, synthetic: usize, file: Option<&std::path::Path
             attacks: vec![Attack::CLOSED_FORM, "closed-form-in-image".parse().expect("an attack")],
             corrupt: vec![0.0, 30.0],
             seed: 5,
+            groups: vec![ImageGroup { name: "images".to_owned(), images: vec![image] }],
             ..AttackEvaluation::default()
         },
-        groups: vec![ImageGroup { name: "images".to_owned(), images: vec![image] }],
         shown: 1,
         command: "veiloc audit <x>".to_owned(),
     };
@@ -244,8 +244,7 @@ fn queries_are_sorted_worst_first_and_linked_to_drawings() {
 #[test]
 fn demo_shows_pipeline_stages_in_order() {
     let page = demo_page(&sample());
-    let stages =
-        ["1. The image", "2. Keypoints", "3. Lines", "4. Matched", "5. The pose", "6. What attackers"];
+    let stages = ["1. The image", "2. Keypoints", "3. Lines", "4. Matched", "5. The pose", "6. Attacks"];
     let at: Vec<usize> =
         stages.iter().map(|stage| page.find(&format!("<h2>{stage}")).expect(stage)).collect();
     assert!(at.is_sorted(), "{at:?}");
@@ -282,6 +281,12 @@ fn audit_tables_equal_document() {
     assert!(page.contains(&format!("<p class=\"lead\">{PROTECTION} ")), "the first sentences");
     let at = |id: &str| page.find(&format!("section id=\"{id}\"")).unwrap_or(usize::MAX);
     assert!(at("images") < at("strongest"), "the pictures are first");
+    let mut gaining = part.attacks.clone();
+    for row in gaining.attacks.iter_mut().filter(|row| row.attack != Attack::PRIOR) {
+        (row.median_px, row.bits_over_prior) = (115.0, 0.44);
+    }
+    let summary = attacks::summary(&gaining).into_string();
+    assert!(summary.contains("gains 0.44 bits") && !summary.contains("result protected"), "{summary}");
     // The table at the top has the strongest attack on each scheme.
     let table = page.split("aria-label=\"The strongest attack on each scheme\"").nth(1).expect("the table");
     let rows = cells(table.split("</table>").next().expect("its end"));

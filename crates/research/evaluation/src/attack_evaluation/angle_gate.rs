@@ -11,60 +11,43 @@ use veiloc_geometry::Anchor;
 /// half of the true neighbours with that anchor pass.
 const GATE: f64 = 0.05;
 
-/// For each row, `[N]`, the rows that pass its gate, unsorted; empty for a row without an anchor.
-pub(crate) fn gate(rows: &[Observation]) -> Result<NeighbourLists, AttackError> {
-    let angles = angles(rows);
-    let pass = (GATE * angles.len() as f64).ceil() as usize;
-    let lists: Vec<Vec<u32>> = angles
-        .iter()
-        .enumerate()
-        .map(|(i, own)| {
-            let Some((anchor, angle)) = own else { return Vec::new() };
-            let mut others: Vec<(f64, u32)> = angles
-                .iter()
-                .enumerate()
-                .filter(|(j, _)| *j != i)
-                .filter_map(|(j, row)| row.filter(|r| r.0 == *anchor).map(|r| (turn(r.1, *angle), j as u32)))
-                .collect();
-            others.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-            others.into_iter().take(pass).map(|o| o.1).collect()
-        })
-        .collect();
-    NeighbourLists::from_lists(&lists)
-}
-
 /// The `k` likeliest entries of each list, `[N]`, likeliest first: half from the rows that pass the gate, half from
 /// other anchors, for which angles carry no information about distance. A row without an anchor keeps its likeliest
 /// entries.
-pub(crate) fn restricted_by_angle(
+pub(super) fn restricted_by_angle(
     ranked: &NeighbourLists,
     rows: &[Observation],
     k: usize,
 ) -> Result<NeighbourLists, AttackError> {
-    let gate = gate(rows)?;
     let angles = angles(rows);
-    let anchor = |i: usize| angles[i].map(|a| a.0);
-    let lists: Vec<Vec<u32>> = (0..ranked.len())
-        .map(|i| {
-            let Some(own) = anchor(i) else { return ranked.of(i).iter().copied().take(k).collect() };
-            let (mut near, mut far) = (k.div_ceil(2), k / 2);
-            let mut taken = |j: u32| {
-                let left = if anchor(j as usize) == Some(own) {
-                    if !gate.of(i).contains(&j) {
-                        return false;
-                    }
-                    &mut near
-                } else {
-                    &mut far
-                };
-                let take = *left > 0;
-                *left -= usize::from(take);
-                take
-            };
-            ranked.of(i).iter().copied().filter(|j| taken(*j)).collect()
-        })
+    let restricted = |i: usize| {
+        let Some((anchor, angle)) = angles[i] else { return ranked.of(i).iter().copied().take(k).collect() };
+        let gate = gate(&angles, i, anchor, angle);
+        let (mut near, mut far) = (k.div_ceil(2), k / 2);
+        let mut taken = |j: u32| {
+            let is_own = angles[j as usize].is_some_and(|other| other.0 == anchor);
+            if is_own && !gate.contains(&j) {
+                return false;
+            }
+            let left = if is_own { &mut near } else { &mut far };
+            let take = *left > 0;
+            *left -= usize::from(take);
+            take
+        };
+        ranked.of(i).iter().copied().filter(|j| taken(*j)).collect()
+    };
+    NeighbourLists::from_lists(&(0..ranked.len()).map(restricted).collect::<Vec<Vec<u32>>>())
+}
+
+/// The rows that pass the gate of row `own`, with this anchor and angle.
+fn gate(angles: &[Option<(Anchor, f64)>], own: usize, anchor: Anchor, angle: f64) -> Vec<u32> {
+    let pass = (GATE * angles.len() as f64).ceil() as usize;
+    let others = angles.iter().enumerate().filter(|(j, _)| *j != own);
+    let mut others: Vec<(f64, u32)> = others
+        .filter_map(|(j, row)| row.filter(|r| r.0 == anchor).map(|r| (turn(r.1, angle), j as u32)))
         .collect();
-    NeighbourLists::from_lists(&lists)
+    others.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    others.into_iter().take(pass).map(|other| other.1).collect()
 }
 
 /// Anchor and direction of each row, radians.

@@ -3,77 +3,60 @@
 use std::fmt;
 use std::str::FromStr;
 
-use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
+use veiloc_attacks::multi_view::{TriangulatedKeypoint, resting_camera};
 use veiloc_attacks::{
-    ClosedFormOptions, GraphOptions, GuidedEstimate, GuidedOptions, KnownImage, LineNeighbours, closed_form,
-    graph, guided_transfer, iterative, server_side,
+    ClosedFormOptions, GraphOptions, GuidedEstimate, GuidedOptions, LineNeighbours, MapVisibility,
+    NeighbourLists, closed_form, graph, guided_transfer, hole, iterative, server_side,
 };
+use veiloc_geometry::Pixel;
 
+use super::context::{AttackContext, RecoveredPositions};
+use super::multi_view::by_frames;
+use super::names::{UnknownName, find};
 use crate::EvalError;
-use crate::attack_evaluation::context::{AttackInput, RecoveredPositions};
 
 /// An attack that recovers keypoint positions. The attacks of this crate are in [`ATTACKS`]; a caller adds its own
-/// attack as another value of this type in [`crate::attack_evaluation::AttackEvaluation::attacks`].
-#[derive(Clone, Copy)]
+/// attack as another value of this type in [`super::AttackEvaluation::attacks`].
+#[derive(Clone, Copy, Debug)]
 pub struct Attack {
     /// Name in tables, documents and on the command line; attacks are equal if their names are.
     pub name: &'static str,
     /// Name in sentences.
     pub words: &'static str,
     /// What the attacker must hold beside the sealed query, in words; empty for nothing. Neighbours are described by
-    /// [`AttackRequirements::neighbours`].
+    /// [`Knowledge::Neighbours`].
     pub holds: &'static str,
-    /// The same requirements as flags.
-    pub needs: AttackRequirements,
-    /// Runs the attack. The generator is seeded by image and scheme.
-    pub run: fn(&AttackInput<'_>, &mut ChaCha8Rng) -> Result<RecoveredPositions, EvalError>,
+    /// The same as values, by which contradictory options are refused.
+    pub needs: &'static [Knowledge],
+    /// Runs the attack.
+    pub run: fn(&AttackContext<'_>) -> Result<RecoveredPositions, EvalError>,
 }
 
-/// Requirements of an attack beside the sent query.
+/// What an attack needs beside the sent query.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct AttackRequirements {
+pub enum Knowledge {
     /// Neighbour lists.
-    pub neighbours: bool,
+    Neighbours,
     /// Predicted neighbours; those with the same anchor are restricted to rows with similar angles. The attack is
     /// skipped for schemes without anchors.
-    pub near_angles: bool,
+    NearAngles,
     /// Keypoints of other images of the scene.
-    pub other_images: bool,
+    OtherImages,
     /// Map images with descriptors, from which positions are transferred.
-    pub map_images: bool,
+    MapImages,
     /// A server that has localized the query.
-    pub pose: bool,
-    /// A position network that was trained on other images.
-    pub trained: bool,
+    Pose,
+    /// A position network that was trained on other images. The attack is skipped for schemes without a network.
+    Network,
     /// Several frames of one scene.
-    pub frames: bool,
+    Frames,
     /// Several seals of one image, or frames of a stationary camera.
-    pub seals: bool,
+    Seals,
 }
 
-impl AttackRequirements {
-    /// No requirements: the sealed query alone.
-    pub const NOTHING: Self = Self {
-        neighbours: false,
-        near_angles: false,
-        other_images: false,
-        map_images: false,
-        pose: false,
-        trained: false,
-        frames: false,
-        seals: false,
-    };
-    /// Neighbour lists only.
-    pub const NEIGHBOURS: Self = Self { neighbours: true, ..Self::NOTHING };
+use Knowledge::{Frames, MapImages, NearAngles, Neighbours, Network, OtherImages, Pose, Seals};
 
-    /// Whether keypoints of one image suffice, without descriptors, other images or a server.
-    pub const fn one_image(self) -> bool {
-        !(self.other_images || self.map_images || self.pose || self.trained || self.frames || self.seals)
-    }
-}
-
-const OF_SERVER: AttackRequirements = AttackRequirements { pose: true, ..AttackRequirements::NEIGHBOURS };
 const SERVER: &str = "a server that has found the pose";
 
 /// All attacks, weakest first.
@@ -83,31 +66,31 @@ pub const ATTACKS: [Attack; 18] = [
         name: "learned-prior",
         words: "prior-only baseline with a learned density",
         holds: "keypoints of other images",
-        needs: AttackRequirements { other_images: true, ..AttackRequirements::NOTHING },
-        run: |a, _| Ok(a.density.expected_positions(a.observations, a.size.0, a.size.1).into()),
+        needs: &[OtherImages],
+        run: |a| Ok(a.density().expected_positions(a.observations(), a.width(), a.height()).into()),
     },
     Attack::CLOSED_FORM,
     Attack {
         name: "closed-form-in-image",
         words: "closed form restricted to the image",
         holds: "",
-        needs: AttackRequirements::NEIGHBOURS,
-        run: |a, _| closed(a, &ClosedFormOptions::in_image()),
+        needs: &[Neighbours],
+        run: |a| closed(a, &ClosedFormOptions::in_image()),
     },
     Attack::CLOSED_FORM_INFORMED,
     Attack {
         name: "closed-form-consensus",
         words: "closed form with consensus",
         holds: "",
-        needs: AttackRequirements::NEIGHBOURS,
-        run: |a, _| closed(a, &ClosedFormOptions::informed().with_consensus(CONSENSUS * f64::from(a.size.0))),
+        needs: &[Neighbours],
+        run: |a| closed(a, &ClosedFormOptions::informed().with_consensus(CONSENSUS * f64::from(a.width()))),
     },
     Attack {
         name: "trained-positions",
         words: "position network on all rows",
         holds: "images of other people for training",
-        needs: AttackRequirements { trained: true, ..AttackRequirements::NOTHING },
-        run: |a, _| a.by_training(),
+        needs: &[Network],
+        run: |a| Ok(a.by_network()?.into()),
     },
     Attack::TRANSFER,
     Attack::GRAPH,
@@ -115,57 +98,60 @@ pub const ATTACKS: [Attack; 18] = [
         name: "graph-near-angles",
         words: "layout of the graph of neighbours with similar angles",
         holds: "",
-        needs: AttackRequirements { near_angles: true, ..AttackRequirements::NEIGHBOURS },
-        run: |a, rng| laid_out(a, &GraphOptions::default(), rng),
+        needs: &[Neighbours, NearAngles],
+        run: |a| laid_out(a, &a.neighbours_of_near_angles()?, &GraphOptions::default()),
     },
     Attack {
         name: "transfer-graph",
         words: "graph layout initialized with positions from a map",
         holds: "other images of the scene",
-        needs: AttackRequirements { map_images: true, ..AttackRequirements::NEIGHBOURS },
-        run: |a, rng| laid_out(a, &GraphOptions::default().with_initial_positions(a.transferred()), rng),
+        needs: &[Neighbours, MapImages],
+        run: |a| {
+            let options = GraphOptions::default().with_initial_positions(a.transferred()?);
+            laid_out(a, &a.neighbours()?, &options)
+        },
     },
     Attack {
         name: "server-side",
         words: "the paper's server-side attack",
         holds: SERVER,
-        needs: OF_SERVER,
-        run: |a, _| served(a, LineNeighbours::Used),
+        needs: &[Pose, Neighbours],
+        run: |a| served(a, LineNeighbours::Used),
     },
     Attack {
         name: "server-side-points",
         words: "server-side attack with points only",
         holds: SERVER,
-        needs: OF_SERVER,
-        run: |a, _| served(a, LineNeighbours::Ignored),
+        needs: &[Pose, Neighbours],
+        run: |a| served(a, LineNeighbours::Ignored),
     },
     Attack {
         name: "iterative",
         words: "the paper's iterative server-side attack",
         holds: SERVER,
-        needs: OF_SERVER,
-        run: |a, _| Ok(iterative(a.observations, a.neighbours, a.size.0, a.size.1)?.into()),
+        needs: &[Pose, Neighbours],
+        run: |a| Ok(iterative(a.observations(), &a.neighbours()?, a.width(), a.height())?.into()),
     },
     Attack {
         name: "hole",
         words: "rows where the map should have been seen and was not",
         holds: SERVER,
-        needs: AttackRequirements { pose: true, ..AttackRequirements::NOTHING },
-        run: |a, _| Ok(a.in_the_hole()),
+        needs: &[Pose],
+        run: |a| Ok(in_the_hole(a)),
     },
     Attack {
         name: "guided-transfer",
         words: "positions transferred along the flow of inliers",
         holds: "a server that has found the pose, with the keypoints of its map images",
-        needs: AttackRequirements { map_images: true, pose: true, ..AttackRequirements::NOTHING },
-        run: |a, _| guided(a),
+        needs: &[MapImages, Pose],
+        run: guided,
     },
     Attack {
         name: "several-frames",
         words: "triangulation of several frames",
         holds: "several queries of one scene whose poses a server has found",
-        needs: AttackRequirements { pose: true, frames: true, ..AttackRequirements::NOTHING },
-        run: |a, _| a.by_frames(),
+        needs: &[Pose, Frames],
+        run: several_frames,
     },
     Attack::RESTING_CAMERA,
 ];
@@ -174,13 +160,28 @@ pub const ATTACKS: [Attack; 18] = [
 const CONSENSUS: f64 = 20.0 / 640.0;
 
 impl Attack {
+    /// Whether the attack needs this.
+    pub fn needs(&self, what: Knowledge) -> bool {
+        self.needs.contains(&what)
+    }
+
+    /// Whether the attack combines several frames or seals.
+    pub(super) fn combines_several(&self) -> bool {
+        self.needs(Frames) || self.needs(Seals)
+    }
+
+    /// Whether keypoints of one image suffice, without descriptors, other images or a server.
+    pub(super) fn needs_one_image(&self) -> bool {
+        self.needs.iter().all(|what| matches!(what, Neighbours | NearAngles))
+    }
+
     /// The prior-only baseline: the best answer for errors in pixels. Bits are relative to the best answer for bits.
     pub const PRIOR: Self = Self {
         name: "prior",
         words: "prior-only baseline, from the single line",
         holds: "",
-        needs: AttackRequirements::NOTHING,
-        run: |a, _| Ok(a.prior_median().into()),
+        needs: &[],
+        run: |a| Ok(a.prior_median().into()),
     };
 
     /// The paper's attack (Eq. 3): infinite lines, answers anywhere.
@@ -188,8 +189,8 @@ impl Attack {
         name: "closed-form",
         words: "the paper's attack (closed form)",
         holds: "",
-        needs: AttackRequirements::NEIGHBOURS,
-        run: |a, _| closed(a, &ClosedFormOptions::default()),
+        needs: &[Neighbours],
+        run: |a| closed(a, &ClosedFormOptions::default()),
     };
 
     /// Parts of lines in the image, neighbours of the other anchor only, answers in the image.
@@ -197,8 +198,8 @@ impl Attack {
         name: "closed-form-informed",
         words: "closed form that knows the scheme",
         holds: "",
-        needs: AttackRequirements::NEIGHBOURS,
-        run: |a, _| closed(a, &ClosedFormOptions::informed()),
+        needs: &[Neighbours],
+        run: |a| closed(a, &ClosedFormOptions::informed()),
     };
 
     /// Positions transferred from the best matching map images and projected on the lines.
@@ -206,8 +207,8 @@ impl Attack {
         name: "transfer",
         words: "positions transferred from a map",
         holds: "other images of the scene, with keypoints and descriptors",
-        needs: AttackRequirements { map_images: true, ..AttackRequirements::NOTHING },
-        run: |a, _| Ok(a.transferred().into()),
+        needs: &[MapImages],
+        run: |a| Ok(a.transferred()?.into()),
     };
 
     /// The scatter of the angles of several seals.
@@ -215,8 +216,8 @@ impl Attack {
         name: "resting-camera",
         words: "scatter of angles from a stationary camera",
         holds: "several queries of a stationary camera, or of one image",
-        needs: AttackRequirements { seals: true, ..AttackRequirements::NOTHING },
-        run: |a, _| a.by_scatter(),
+        needs: &[Seals],
+        run: by_scatter,
     };
 
     /// The layout of the whole neighbour graph.
@@ -224,43 +225,74 @@ impl Attack {
         name: "graph",
         words: "layout of the neighbour graph",
         holds: "",
-        needs: AttackRequirements::NEIGHBOURS,
-        run: |a, rng| laid_out(a, &GraphOptions::default(), rng),
+        needs: &[Neighbours],
+        run: |a| laid_out(a, &a.neighbours()?, &GraphOptions::default()),
     };
 }
 
-fn closed(a: &AttackInput<'_>, options: &ClosedFormOptions) -> Result<RecoveredPositions, EvalError> {
-    let answers = closed_form(a.observations, a.neighbours, a.size.0, a.size.1, options)?;
+fn closed(a: &AttackContext<'_>, options: &ClosedFormOptions) -> Result<RecoveredPositions, EvalError> {
+    let answers = closed_form(a.observations(), &a.neighbours()?, a.width(), a.height(), options)?;
     Ok(answers.iter().map(|a| a.pixel).collect::<Vec<_>>().into())
 }
 
-fn served(a: &AttackInput<'_>, lines: LineNeighbours) -> Result<RecoveredPositions, EvalError> {
-    let answers = server_side(a.observations, a.neighbours, a.size.0, a.size.1, lines)?;
+fn served(a: &AttackContext<'_>, lines: LineNeighbours) -> Result<RecoveredPositions, EvalError> {
+    let answers = server_side(a.observations(), &a.neighbours()?, a.width(), a.height(), lines)?;
     Ok(answers.iter().map(|a| a.pixel).collect::<Vec<_>>().into())
 }
 
 fn laid_out(
-    a: &AttackInput<'_>,
+    a: &AttackContext<'_>,
+    neighbours: &NeighbourLists,
     options: &GraphOptions,
-    rng: &mut ChaCha8Rng,
 ) -> Result<RecoveredPositions, EvalError> {
-    Ok(graph(a.observations, a.neighbours, a.size.0, a.size.1, options, rng)?.pixels.into())
+    Ok(graph(a.observations(), neighbours, a.width(), a.height(), options, &mut a.rng())?.pixels.into())
 }
 
 /// Positions from warped map images where the attack accepts them, and positions of the plain transfer otherwise.
-fn guided(a: &AttackInput<'_>) -> Result<RecoveredPositions, EvalError> {
-    let own = a.images[a.own].descriptors();
-    let others = a.images.iter().enumerate().filter(|(i, _)| *i != a.own);
-    let map: Vec<KnownImage> = others.map(|(_, p)| p.clone()).collect();
-    let found = guided_transfer(own, a.observations, &map, a.size, &GuidedOptions::default())?;
-    let plain = a.transferred();
-    let accepted = Some(found.iter().map(GuidedEstimate::is_accepted).collect());
-    let pixels: Vec<_> = found
-        .iter()
-        .zip(plain)
-        .map(|(g, plain)| g.pixel.filter(|_| g.is_accepted()).unwrap_or(plain))
-        .collect();
-    Ok(RecoveredPositions { accepted, ..pixels.into() })
+fn guided(a: &AttackContext<'_>) -> Result<RecoveredPositions, EvalError> {
+    let size = (a.width(), a.height());
+    let found = guided_transfer(
+        a.descriptors()?,
+        a.observations(),
+        &a.map_images()?,
+        size,
+        &GuidedOptions::default(),
+    )?;
+    let accepted: Vec<bool> = found.iter().map(GuidedEstimate::is_accepted).collect();
+    let pixels = found.iter().map(|g| g.pixel.filter(|_| g.is_accepted()));
+    Ok(RecoveredPositions { accepted: Some(accepted), ..or_else(pixels, a.transferred()?) })
+}
+
+/// Positions from the scatter of several seals' angles.
+fn by_scatter(a: &AttackContext<'_>) -> Result<RecoveredPositions, EvalError> {
+    let found = resting_camera(a.observations(), &a.seals()?, (a.width(), a.height()), &a.angle_codes())?;
+    Ok(or_else(found.iter().map(|s| s.pixel), a.prior_only()))
+}
+
+/// Positions from several frames.
+fn several_frames(a: &AttackContext<'_>) -> Result<RecoveredPositions, EvalError> {
+    let prior = a.prior_only();
+    let Some(found) = by_frames(a)? else {
+        let accepted = Some(vec![false; prior.len()]);
+        return Ok(RecoveredPositions { accepted, ..prior.into() });
+    };
+    let accepted = Some(found.iter().map(TriangulatedKeypoint::is_accepted).collect());
+    Ok(RecoveredPositions { accepted, ..or_else(found.iter().map(|s| s.pixel), prior) })
+}
+
+/// Positions where the map should have been seen and was not; the prior-only baseline without a pose.
+fn in_the_hole(a: &AttackContext<'_>) -> RecoveredPositions {
+    let map = a.pose().map_or_else(MapVisibility::default, |pose| MapVisibility {
+        expected: pose.expected.clone(),
+        confirmed: pose.known.iter().map(|(at, _)| *at).collect(),
+    });
+    let found = hole(a.observations(), &map, a.width(), a.height());
+    RecoveredPositions { hiding: Some(found.inside), ..found.pixels.into() }
+}
+
+/// The answers of an attack, and others where it has none.
+fn or_else(answers: impl Iterator<Item = Option<Pixel>>, others: Vec<Pixel>) -> RecoveredPositions {
+    answers.zip(others).map(|(answer, other)| answer.unwrap_or(other)).collect::<Vec<_>>().into()
 }
 
 /// Compares names.
@@ -276,12 +308,6 @@ impl Eq for Attack {}
 impl Default for Attack {
     fn default() -> Self {
         Self::PRIOR
-    }
-}
-
-impl fmt::Debug for Attack {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Attack({})", self.name)
     }
 }
 
@@ -312,20 +338,12 @@ impl schemars::JsonSchema for Attack {
     }
 }
 
-/// No attack has this name.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{name:?} is not an attack; use one of {}", ATTACKS.map(|a| a.name).join(", "))]
-pub struct UnknownAttack {
-    name: String,
-}
-
 /// One of [`ATTACKS`].
 impl FromStr for Attack {
-    type Err = UnknownAttack;
+    type Err = UnknownName;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let found = ATTACKS.into_iter().find(|attack| attack.name == text);
-        found.ok_or_else(|| UnknownAttack { name: text.to_owned() })
+        find(text, "an attack", ATTACKS, |attack| attack.name)
     }
 }
 
@@ -340,15 +358,8 @@ mod tests {
             assert!(
                 ATTACKS[..i].iter().all(|other| other.name != attack.name && other.words != attack.words)
             );
-            // Description and flags must agree.
-            let needs = attack.needs;
-            let holds = needs.other_images
-                || needs.map_images
-                || needs.pose
-                || needs.trained
-                || needs.frames
-                || needs.seals;
-            assert_eq!(holds, !attack.holds.is_empty(), "{attack}");
+            // The description and the values must agree.
+            assert_eq!(attack.needs_one_image(), attack.holds.is_empty(), "{attack}");
         }
         assert!("Graph".parse::<Attack>().is_err_and(|e| e.to_string().contains("several-frames")));
     }

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::attacks::Attack;
+use super::attacks::{Attack, Knowledge};
 use super::multi_view::FrameChoice;
 use super::neighbours::Neighbours;
 use crate::results::text_table::{TextTable, percent};
@@ -109,7 +109,7 @@ pub struct AttackSummary {
 impl AttackDocument {
     /// Whether an oracle gave the attack the true neighbours, which no real attacker has.
     pub fn uses_oracle(&self, attack: Attack) -> bool {
-        self.neighbours == Neighbours::Oracle && attack.needs.neighbours
+        self.neighbours == Neighbours::Oracle && attack.needs(Knowledge::Neighbours)
     }
 
     /// Whether there are attacks with an oracle and others, beside the baseline.
@@ -150,7 +150,7 @@ fn rows<'a>(attacks: impl Iterator<Item = &'a AttackSummary>) -> String {
     for a in attacks {
         let corrupt = if a.corrupt > 0.0 { format!("{:.0} %", a.corrupt) } else { String::new() };
         let is_prior = a.attack == Attack::PRIOR;
-        let several = if a.attack.needs.seals { "seals" } else { "frames" };
+        let several = if a.attack.needs(Knowledge::Seals) { "seals" } else { "frames" };
         let frames = a.frames.map_or_else(String::new, |n| format!(", {n} {several}"));
         table.push(vec![
             a.scheme.clone(),

@@ -1,319 +1,204 @@
-//! Runs every attack on every scheme and image.
+//! Runs every attack on every image and scheme.
 
-use std::collections::BTreeMap;
-use std::time::Instant;
+use veiloc_datasets::problem_files::{KeypointImage, json_lines, read_keypoints, synthetic_image};
+use veiloc_features::Progress;
+use veiloc_geometry::Pixel;
 
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use veiloc_attacks::multi_view::RestingOptions;
-use veiloc_attacks::{
-    DecodedDescriptors, Density, KeypointHistogram, KnownImage, NeighbourLists, Observation,
-    TransferredPositions, bits_over_prior, errors_px,
-};
-use veiloc_protocol::{Observations, Scheme};
-
-use super::angle_gate::restricted_by_angle;
-use super::attacks::Attack;
-use super::context::AttackInput;
+use super::attacks::{Attack, Knowledge};
+use super::context::{AttackContext, ImageParts};
 use super::document::AttackDocument;
-use super::neighbours::{NeighbourSource, Precision, descriptors, from_others, known};
-use super::observer::{AttackObserver, AttackTrial, ImageGroup, Progress};
-use super::options::AttackEvaluation;
-use super::position_networks::TrainedPositions;
-use super::rows::{Row, check, rows, summary};
-use super::server::{Server, ServerStatistics, reseal_image, seal_image};
-use super::server_view::ServerView;
-use veiloc_datasets::problem_files::json_lines;
-use veiloc_datasets::problem_files::seed_for;
-use veiloc_datasets::problem_files::{KeypointImage, read_keypoints, synthetic_image};
-
+use super::neighbours::{NeighbourSource, Precision};
+use super::options::{AttackEvaluation, ImageGroup};
+use super::rows::{Row, check, rows};
+use super::scene::{Attacker, Scene};
+use super::server::ServerStatistics;
 use crate::EvalError;
-use crate::results::metrics::roc_auc;
 
-/// The sent observations of an image under one scheme, and the errors of its baseline.
-struct SentImage {
-    scheme: Scheme,
-    observed: Observations,
-    observations: Vec<Observation>,
-    prior_errors: Vec<f64>,
+/// One attack on one image under one scheme. Slices are `[N]`, one entry per keypoint, in the image's order.
+#[derive(Clone, Copy)]
+pub struct AttackTrial<'a> {
+    /// What the attack was given.
+    pub context: &'a AttackContext<'a>,
+    /// The image; its keypoints are the ground truth.
+    pub image: &'a KeypointImage,
+    /// The image's group in the document's `data`, and its index there.
+    pub at: (usize, usize),
+    /// Index in the document's `attacks`.
+    pub row: usize,
+    /// The attack.
+    pub attack: Attack,
+    /// Recovered keypoints, pixels; may lie outside the image or not be finite.
+    pub answers: &'a [Pixel],
+    /// Distance of answer and truth, pixels; infinite without an answer.
+    pub errors: &'a [f64],
 }
 
-/// The attacker's knowledge about one image, beside the sent observations.
-struct AttackInputs<'a> {
-    density: Density,
-    neighbours: NeighbourLists,
-    /// Predicted neighbours of each row in order of likelihood, if an attack restricts them.
-    ranked: Option<NeighbourLists>,
-    transferred: Option<TransferredPositions>,
-    descriptors: Option<DecodedDescriptors>,
-    trained: &'a TrainedPositions,
-    /// Index of the image in the file.
-    own: usize,
-    /// Images of the file with descriptors, if an attack reads them.
-    images: &'a [KnownImage],
-    /// Views of the file's images by scheme, if there is a server.
-    views: &'a BTreeMap<String, Vec<ServerView>>,
-}
-
-/// Runs all attacks; `advance` is called with the finished and the total work.
+/// Runs all attacks, as a stage with this name. `observe` sees each of them: the document holds summaries, but a report
+/// that draws images needs the single keypoints. Trials come in the order of the work: group, image, row of the document.
+///
+/// Groups come first in the document's `data`, then the files, then the synthetic image.
 ///
 /// # Errors
 /// [`EvalError`] when a file cannot be read, is empty, or has a keypoint that no scheme can send.
 pub fn evaluate_attacks(
     evaluation: &AttackEvaluation,
-    advance: impl FnMut(usize, usize),
-) -> Result<AttackDocument, EvalError> {
-    attack_groups(evaluation, Vec::new(), &mut Progress(advance))
-}
-
-/// Runs all attacks on `groups` and on the files of the evaluation, and reports to an observer.
-///
-/// Groups come first in the document's `data`, then the files, then the synthetic image.
-///
-/// # Errors
-/// As [`evaluate_attacks`].
-pub fn attack_groups(
-    evaluation: &AttackEvaluation,
-    groups: Vec<ImageGroup>,
-    observer: &mut dyn AttackObserver,
+    stage: &str,
+    progress: &dyn Progress,
+    observe: &mut dyn FnMut(&AttackTrial<'_>),
 ) -> Result<AttackDocument, EvalError> {
     check(evaluation)?;
-    let server = evaluation.server.as_ref().map(Server::new).transpose()?;
-    let (mut data, mut groups): (Vec<String>, Vec<Vec<KeypointImage>>) =
-        groups.into_iter().map(|g| (g.name, g.images)).unzip();
-    for file in &evaluation.files {
-        groups.push(read_keypoints(file)?);
-        data.push(json_lines::display_name(file));
-    }
-    if evaluation.synthetic > 0 {
-        groups.push(vec![synthetic_image(evaluation.synthetic, evaluation.seed)]);
-        data.push(format!("synthetic {}", evaluation.synthetic));
-    }
-
-    let trained = TrainedPositions::read(&evaluation.positions)?;
-    let mut rows = rows(evaluation, &trained);
-    let images: usize = groups.iter().map(|g| g.len().min(evaluation.images.unwrap_or(usize::MAX))).sum();
-    let total = images * rows.len();
-    let mut done = 0;
+    let read = read_groups(evaluation)?;
+    let groups = || evaluation.groups.iter().chain(&read);
     let most = evaluation.images.unwrap_or(usize::MAX);
-    let attacked: Vec<&KeypointImage> = groups.iter().flat_map(|g| g.iter().take(most)).collect();
-    let predictor = evaluation.neighbours.learn(&attacked, evaluation.k)?;
-    let transfers = evaluation.neighbours == NeighbourSource::Transferred
-        || evaluation.attacks.iter().any(|a| a.needs.map_images);
-    let several = evaluation.attacks.iter().any(|a| a.needs.frames);
-    let narrows = evaluation.attacks.iter().any(|a| a.needs.near_angles);
-    let by_training = evaluation.attacks.iter().any(|a| a.needs.trained);
-    if by_training {
-        trained.check_features(&attacked)?;
+    let attacked: Vec<&KeypointImage> = groups().flat_map(|group| group.images.iter().take(most)).collect();
+    let attacker = Attacker::new(evaluation, &attacked)?;
+    if evaluation.needs(Knowledge::Network).is_some() {
+        attacker.networks.check_features(&attacked)?;
     }
-    let mut precision = Precision::default();
-    let mut statistics: BTreeMap<String, ServerStatistics> = BTreeMap::new();
-    for (group_index, group) in groups.iter().enumerate() {
-        let counts: Vec<KeypointHistogram> =
-            group.iter().map(|p| KeypointHistogram::of(&p.keypoints, p.width, p.height)).collect();
-        let mut all = KeypointHistogram::default();
-        for counts in &counts {
-            all.add(counts);
-        }
-        let map: Vec<KnownImage> = if transfers || several {
-            group.iter().map(known).collect::<Result<_, _>>()?
-        } else {
-            Vec::new()
-        };
-        let views = match &server {
-            // Every image of the file can be one of several frames.
-            Some(server) => server_views(
-                evaluation,
-                server,
-                &group[..if several { group.len() } else { most.min(group.len()) }],
-            )?,
-            None => BTreeMap::new(),
-        };
-        for (i, (image, own)) in group.iter().zip(&counts).take(most).enumerate() {
-            let mut others = all.clone();
-            others.subtract(own);
-            let size = (image.width, image.height);
-            let transferred = if transfers { Some(from_others(&map, i, size, evaluation.k)?) } else { None };
-            let nearest = NeighbourLists::nearest(&image.keypoints, evaluation.k);
-            let ranked = match &predictor {
-                Some(predictor) if narrows => {
-                    Some(predictor.predict(&descriptors(image)?, image.keypoints.len().saturating_sub(1))?)
-                }
-                _ => None,
-            };
-            let neighbours = match (&predictor, &transferred) {
-                (Some(predictor), _) => predictor.predict(&descriptors(image)?, evaluation.k)?,
-                (None, Some(t)) if evaluation.neighbours == NeighbourSource::Transferred => {
-                    t.neighbours.clone()
-                }
-                _ => nearest.clone(),
-            };
-            precision.add(&neighbours, &nearest);
-            for (scheme, views) in &views {
-                statistics.entry(scheme.clone()).or_default().add(&views[i], &image.keypoints);
-            }
-            let density = others.density();
-            let descriptors = if by_training { Some(descriptors(image)?) } else { None };
-            let inputs = AttackInputs {
-                trained: &trained,
-                descriptors,
-                density,
-                neighbours,
-                ranked,
-                transferred,
-                own: i,
-                images: &map,
-                views: &views,
-            };
-            attack_image(evaluation, (group_index, image), &inputs, &mut rows, &mut |trial| {
-                observer.saw(trial);
-                done += 1;
-                observer.advance(done, total);
+    let posed = attacker.schemes.iter().filter(|_| attacker.server.is_some());
+    let statistics = posed.map(|_| ServerStatistics::default()).collect();
+    let mut results = Results { rows: rows(&attacker), precision: Precision::default(), statistics };
+    progress.start(stage, attacked.len() * results.rows.len());
+    for (index, group) in groups().enumerate() {
+        let scene = Scene::new(&attacker, index, &group.images);
+        for own in 0..group.images.len().min(most) {
+            attack_image(&scene, own, &mut results, &mut |trial| {
+                observe(trial);
+                progress.advance(1);
             })?;
         }
     }
-    let oracle = evaluation.neighbours == NeighbourSource::Oracle;
-    let given = precision.shares().filter(|_| !oracle);
-    let one = |scheme: &Scheme| statistics.get(&scheme.to_string()).map(|one| one.summary(*scheme));
-    let server = evaluation.schemes.iter().filter_map(one).collect::<Result<_, _>>()?;
+    progress.finish();
+    let of_schemes = results.statistics.iter().zip(&attacker.schemes);
+    let server = of_schemes.map(|(one, scheme)| one.summary(*scheme)).collect::<Result<_, _>>()?;
+    let precision = results.precision.shares();
     Ok(AttackDocument {
         version: 1,
         command: "attack",
-        data,
+        data: groups().map(|group| group.name.clone()).collect(),
         neighbours: evaluation.neighbours.kind(),
         k: evaluation.k,
-        precision: given.map(|t| t.0),
-        chance: given.map(|t| t.1),
+        precision: precision.map(|shares| shares.0),
+        chance: precision.map(|shares| shares.1),
         server,
-        frame_selection: several.then_some(evaluation.choice),
+        frame_selection: evaluation.needs(Knowledge::Frames).map(|_| evaluation.choice),
         seed: evaluation.seed,
-        attacks: rows.iter().map(|row| summary(row, images)).collect(),
+        attacks: results.rows.iter().map(|row| row.summary(attacked.len())).collect(),
     })
 }
 
-/// Views of these images by scheme.
-fn server_views(
-    evaluation: &AttackEvaluation,
-    server: &Server<'_>,
-    images: &[KeypointImage],
-) -> Result<BTreeMap<String, Vec<ServerView>>, EvalError> {
-    let mut views = BTreeMap::new();
-    for scheme in evaluation.schemes.iter().filter(|s| s.hides_positions()) {
-        let of_scheme = images.iter().map(|p| server.view(evaluation, p, *scheme));
-        views.insert(scheme.to_string(), of_scheme.collect::<Result<_, _>>()?);
+/// The groups that are not in memory.
+fn read_groups(evaluation: &AttackEvaluation) -> Result<Vec<ImageGroup>, EvalError> {
+    let mut groups = Vec::new();
+    for file in &evaluation.files {
+        groups.push(ImageGroup { name: json_lines::display_name(file), images: read_keypoints(file)? });
     }
-    Ok(views)
+    if evaluation.synthetic > 0 {
+        let images = vec![synthetic_image(evaluation.synthetic, evaluation.seed)];
+        groups.push(ImageGroup { name: format!("synthetic {}", evaluation.synthetic), images });
+    }
+    Ok(groups)
 }
 
-/// The attacker's model of the angle codes of several seals.
-fn codes(evaluation: &AttackEvaluation) -> RestingOptions {
-    let cell = std::f64::consts::PI / f64::from(evaluation.angle_bits.levels());
-    RestingOptions::of_one_image(cell).with_noise(evaluation.resting_noise_px)
+/// What is accumulated over images.
+struct Results {
+    rows: Vec<Row>,
+    precision: Precision,
+    /// By scheme; empty without a server.
+    statistics: Vec<ServerStatistics>,
 }
 
+/// Runs all attacks on one image, scheme by scheme.
 fn attack_image(
-    evaluation: &AttackEvaluation,
-    (group, image): (usize, &KeypointImage),
-    inputs: &AttackInputs<'_>,
-    rows: &mut [Row],
-    attacked: &mut dyn FnMut(&AttackTrial<'_>),
+    scene: &Scene<'_>,
+    own: usize,
+    results: &mut Results,
+    observe: &mut dyn FnMut(&AttackTrial<'_>),
 ) -> Result<(), EvalError> {
-    let truth = &image.keypoints;
-    let mut sent: Option<SentImage> = None;
-    for row in rows {
-        let name = row.scheme.to_string();
-        // The seed depends on image and scheme only, so other schemes or attacks do not change the result.
-        let rng =
-            |what: &str| ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[&image.name, &name, what]));
-        let view = inputs.views.get(&name).map(|views| &views[inputs.own]);
-        if sent.as_ref().is_none_or(|s| s.scheme != row.scheme) {
-            let (observed, observations) = if let Some(view) = view {
-                (view.observed.clone(), view.observations.clone())
-            } else {
-                let observed = seal_image(evaluation, image, row.scheme)?;
-                let observations = Observation::of_sent(&observed);
-                (observed, observations)
-            };
-            sent = Some(SentImage { scheme: row.scheme, observed, observations, prior_errors: Vec::new() });
+    let (attacker, image, parts) = (scene.attacker, &scene.images[own], ImageParts::default());
+    for (at, scheme) in attacker.schemes.iter().enumerate() {
+        let mut context = AttackContext::new(scene, own, &parts, *scheme)?;
+        if at == 0 && attacker.evaluation.neighbours != NeighbourSource::Oracle {
+            results.precision.add(context.given_neighbours()?, &context.true_neighbours());
         }
-        let Some(sent) = &mut sent else { continue };
-        let restricted_by_angle = match &inputs.ranked {
-            Some(ranked) if row.attack.needs.near_angles => {
-                Some(restricted_by_angle(ranked, &sent.observations, evaluation.k)?)
-            }
-            _ => None,
-        };
-        let given = restricted_by_angle.as_ref().unwrap_or(&inputs.neighbours);
-        let corrupted = given.corrupted(row.corrupt / 100.0, &mut rng("corrupted"));
-        let seals: Vec<Vec<Observation>> = if row.attack.needs.seals {
-            let more = 1..row.frames.unwrap_or(1);
-            more.map(|k| reseal_image(evaluation, image, row.scheme, k)).collect::<Result<_, _>>()?
-        } else {
-            Vec::new()
-        };
-        let started = Instant::now();
-        let attempt = AttackInput {
-            observations: &sent.observations,
-            neighbours: &corrupted,
-            size: (image.width, image.height),
-            density: &inputs.density,
-            transferred: inputs.transferred.as_ref(),
-            images: inputs.images,
-            own: inputs.own,
-            frames: row.frames,
-            choice: evaluation.choice,
-            seals: &seals,
-            codes: codes(evaluation),
-            descriptors: inputs.descriptors.as_ref(),
-            trained: inputs.trained,
-            scheme: row.scheme,
-            name: &image.name,
-            views: inputs.views.get(&name).map_or(&[], Vec::as_slice),
-        };
-        let answers = (row.attack.run)(&attempt, &mut rng("attack"))?;
-        if answers.pixels.len() != truth.len() {
-            return Err(EvalError::Options(format!(
-                "the attack {} answered {} of {} keypoints",
-                row.attack,
-                answers.pixels.len(),
-                truth.len()
-            )));
+        if let Some(statistics) = results.statistics.get_mut(at) {
+            statistics.add(&context.sent, &image.keypoints);
         }
-        row.ms.push(started.elapsed().as_secs_f64() * 1e3);
-        let counts = |i: usize| view.is_none_or(|v| v.measured[i]);
-        let all = errors_px(answers.pixels.iter().copied(), truth);
-        if let Some(accepted) = &answers.accepted {
-            let sure = (0..all.len()).filter(|i| counts(*i) && accepted[*i]).map(|i| all[i]);
-            row.accepted.get_or_insert_default().extend(sure);
+        for (index, row) in results.rows.iter_mut().enumerate().filter(|(_, row)| row.scheme == *scheme) {
+            (context.corrupt, context.frames) = (row.corrupt, row.frames.unwrap_or(0));
+            let (found, duration) = context.timed(row.attack.run);
+            let found = found?;
+            let errors = row.add(&context, &found, duration)?;
+            observe(&AttackTrial {
+                context: &context,
+                image,
+                at: (scene.group, own),
+                row: index,
+                attack: row.attack,
+                answers: &found.pixels,
+                errors: &errors,
+            });
         }
-        let errors: Vec<f64> = (0..all.len()).filter(|i| counts(*i)).map(|i| all[i]).collect();
-        if let (Some(hiding), Some(view)) = (&answers.hiding, view) {
-            let unexplained = |i: &usize| view.known[*i].is_none() && !view.ignored[*i];
-            let (own, others): (Vec<usize>, Vec<usize>) =
-                (0..all.len()).filter(unexplained).partition(|i| view.measured[*i]);
-            let of = |rows: &[usize]| rows.iter().map(|i| hiding[*i]).collect::<Vec<f64>>();
-            row.hiding_auc.extend(roc_auc(&of(&own), &of(&others)));
-        }
-        if row.attack == Attack::PRIOR {
-            let best = errors_px(attempt.prior_only(), truth);
-            sent.prior_errors = (0..best.len()).filter(|i| counts(*i)).map(|i| best[i]).collect();
-        } else if !errors.is_empty() {
-            let bits = bits_over_prior(&errors, &sent.prior_errors, image.width, image.height);
-            row.bits += bits * errors.len() as f64;
-        }
-        attacked(&AttackTrial {
-            group,
-            image,
-            scheme: row.scheme,
-            attack: row.attack,
-            corrupt: row.corrupt,
-            sent: &sent.observed,
-            observations: &sent.observations,
-            neighbours: &corrupted,
-            answers: &answers.pixels,
-            errors: &all,
-        });
-        row.errors.extend(errors);
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use veiloc_attacks::{ErrorSummary, bits_over_prior};
+    use veiloc_protocol::Scheme;
+
+    use super::*;
+
+    #[test]
+    fn observed_trials_add_up_to_the_document() {
+        let mut own = synthetic_image(200, 9);
+        own.name = "own".to_owned();
+        let mut evaluation = AttackEvaluation {
+            groups: vec![ImageGroup { name: "memory".to_owned(), images: vec![own] }],
+            synthetic: 200,
+            schemes: vec![Scheme::RandomLines, Scheme::default()],
+            attacks: vec![Attack::CLOSED_FORM, Attack::CLOSED_FORM],
+            corrupt: vec![0.0, 50.0],
+            seed: 3,
+            ..AttackEvaluation::default()
+        };
+        // Two schemes; the baseline, and the closed form once at each of two shares of false neighbours.
+        let (mut errors, mut bits, mut order) = (vec![Vec::new(); 6], 0.0, Vec::new());
+        let mut observe = |trial: &AttackTrial<'_>| {
+            let (context, truth) = (trial.context, &trial.image.keypoints);
+            for (i, truth) in truth.iter().enumerate() {
+                assert!((trial.answers[i].distance(truth) - trial.errors[i]).abs() < 1e-9);
+                // The sent line passes through the keypoint up to the dither and the quantized angle.
+                assert!(context.observations()[i].distance(*truth) < 2.0);
+            }
+            if trial.row == 5 {
+                bits += bits_over_prior(trial.errors, context.prior_errors(), 640, 480) / 2.0;
+            }
+            order.push((trial.at, trial.row));
+            errors[trial.row].extend_from_slice(trial.errors);
+        };
+        let document = evaluate_attacks(&evaluation, "", &(), &mut observe).expect("it runs");
+        assert_eq!(document.data, ["memory", "synthetic 200"]);
+        assert_eq!(
+            order,
+            [0, 1]
+                .map(|group| (0..6).map(move |row| ((group, 0), row)))
+                .into_iter()
+                .flatten()
+                .collect::<Vec<_>>()
+        );
+        for (row, errors) in document.attacks.iter().zip(&errors) {
+            let sum = ErrorSummary::of(errors);
+            assert!((row.mean_px - sum.mean_px).abs() < 1e-9 && row.median_px == sum.median_px, "{row:?}");
+        }
+        let last = &document.attacks[5];
+        assert_eq!((&*last.scheme, last.attack, last.corrupt), ("dcl", Attack::CLOSED_FORM, 50.0));
+        assert!((last.bits_over_prior - bits).abs() < 1e-9, "{document:?}");
+
+        evaluation.groups.clear();
+        let alone = evaluate_attacks(&evaluation, "", &(), &mut |_| {}).expect("it runs");
+        assert_eq!(alone.data, ["synthetic 200"]);
+        assert!(alone.attacks.iter().zip(&document.attacks).all(|(a, b)| a.images == 1 && b.images == 2));
+    }
 }

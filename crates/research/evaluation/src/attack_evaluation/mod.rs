@@ -1,7 +1,7 @@
 //! What sealed queries leak: attacks on every scheme, each beside the prior-only baseline.
 //!
-//! - [`evaluate_attacks`] runs attacks (the table [`ATTACKS`]) on keypoint files; [`AttackDocument`] holds the
-//!   results.
+//! - [`evaluate_attacks`] runs attacks (the table [`ATTACKS`]) on images, scheme by scheme; each takes what it needs
+//!   from an [`AttackContext`]. [`AttackDocument`] holds the results.
 //! - [`run_audit`] adds the strongest attack on each scheme, and the positions that a report draws.
 //! - [`adversaries`]: the gain of each adversary from the queries of every scheme.
 //! - [`sessions`]: leakage of several frames of one scene, by the reference frame of their anchors.
@@ -17,33 +17,31 @@ mod audit;
 mod context;
 mod document;
 mod evaluate;
+mod inliers;
 pub mod inversion;
 mod multi_view;
+mod names;
 mod neighbours;
-mod observer;
 mod options;
 mod position_networks;
 mod private_region;
 mod rows;
+mod scene;
 mod server;
-mod server_view;
 pub mod sessions;
 mod spread;
 mod strongest;
 
-pub use attacks::{ATTACKS, Attack, AttackRequirements, UnknownAttack};
+pub use attacks::{ATTACKS, Attack, Knowledge};
 pub use audit::{
-    Audit, AuditDocument, AuditOptions, AuditPart, PROTECTION, RowErrors, ShownAttack, ShownImage,
-    ShownImages, ShownScheme, run_audit,
+    Audit, AuditDocument, AuditOptions, AuditPart, PROTECTION, ShownAttack, ShownImage, ShownImages,
+    ShownScheme, run_audit,
 };
-pub use context::{AttackInput, RecoveredPositions};
+pub use context::{AttackContext, RecoveredPositions};
 pub use document::{AttackDocument, AttackSummary, ServerSummary, attacks_table};
-pub use evaluate::{attack_groups, evaluate_attacks};
+pub use evaluate::{AttackTrial, evaluate_attacks};
 pub use multi_view::FrameChoice;
-pub(crate) use neighbours::descriptors;
+pub use names::UnknownName;
 pub use neighbours::{NeighbourSource, Neighbours};
-pub use observer::{AttackObserver, AttackProgress, AttackTrial, ImageGroup};
-pub use options::{AttackEvaluation, MeasuredKeypoints, PrivateRegion, ServerKnowledge};
-pub use position_networks::TrainedPositions;
-pub use private_region::person;
+pub use options::{AttackEvaluation, ImageGroup, MeasuredKeypoints, PrivateRegion, ServerKnowledge};
 pub use strongest::{StrongestAttacks, strongest_table};

@@ -3,9 +3,10 @@
 use veiloc_attacks::multi_view::{
     Frame, FramesOptions, TriangulatedKeypoint, multi_view_attack, select_frames,
 };
-use veiloc_attacks::{AttackError, KnownImage, mutual_matches};
+use veiloc_attacks::{AttackError, mutual_matches};
 
-use super::server_view::ServerView;
+use super::context::AttackContext;
+use crate::EvalError;
 
 /// How an attack on several frames chooses them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize)]
@@ -22,20 +23,21 @@ pub enum FrameChoice {
 /// Ratio test for the matches by which frames are chosen.
 const RATIO: f64 = 0.9;
 
-/// Recovers the keypoints of image `own` from `frames` frames, including itself, with the poses that the server
-/// found: `[N]`; `None` when `own`, or every other frame, has no pose.
-///
-/// `views`, `images`: `[images]` of the file.
-pub(super) fn multi_view_answers(
-    views: &[ServerView],
-    images: &[KnownImage],
-    own: usize,
-    frames: usize,
-    choice: FrameChoice,
-) -> Result<Option<Vec<TriangulatedKeypoint>>, AttackError> {
+/// Recovers the keypoints of an image from several frames, including itself, with the poses that the server found:
+/// `[N]`; `None` when the image, or every other frame, has no pose.
+pub(super) fn by_frames(a: &AttackContext<'_>) -> Result<Option<Vec<TriangulatedKeypoint>>, EvalError> {
+    if a.scene.images.len() < a.frames {
+        return Err(EvalError::Options(format!(
+            "{} frames are requested, but the file of {} has {} images",
+            a.frames,
+            a.image().name,
+            a.scene.images.len()
+        )));
+    }
+    let (views, images) = (a.views()?, a.known()?);
     let frame = |i: usize| {
         let pose = views[i].pose.as_ref()?;
-        let observations = if i == own { &views[i].observations } else { &views[i].sent };
+        let observations = if i == a.own { &views[i].observations } else { &views[i].lines };
         Some(Frame {
             camera: pose.camera,
             cam_from_world: pose.cam_from_world,
@@ -43,19 +45,19 @@ pub(super) fn multi_view_answers(
             descriptors: images[i].descriptors(),
         })
     };
-    let Some((first, pose)) = frame(own).zip(views[own].pose.as_ref()) else { return Ok(None) };
-    let others: Vec<Frame<'_>> = (0..views.len()).filter(|i| *i != own).filter_map(frame).collect();
+    let Some((first, pose)) = frame(a.own).zip(a.pose()) else { return Ok(None) };
+    let others: Vec<Frame<'_>> = (0..views.len()).filter(|i| *i != a.own).filter_map(frame).collect();
     if others.is_empty() {
         return Ok(None);
     }
     let options = FramesOptions::with_depths(pose.depths).with_known_points(pose.known.clone());
-    let count = frames.saturating_sub(1);
-    let chosen = match choice {
+    let count = a.frames.saturating_sub(1);
+    let chosen = match a.evaluation().choice {
         FrameChoice::Turn => select_frames(&first, &others, count, &options)?,
         FrameChoice::Nearest => nearest(&first, &others, count)?,
     };
     let all: Vec<Frame<'_>> = std::iter::once(first).chain(chosen.into_iter().map(|i| others[i])).collect();
-    multi_view_attack(&all, &options).map(Some)
+    Ok(Some(multi_view_attack(&all, &options)?))
 }
 
 /// Frames with the most descriptor matches, as for the server's own map. Ties keep their order.

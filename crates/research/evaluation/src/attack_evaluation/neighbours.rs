@@ -5,10 +5,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 use veiloc_attacks::learned::neighbours::NeighbourNetwork;
-use veiloc_attacks::{
-    AttackError, DecodedDescriptors, KnownImage, NeighbourLists, NeighbourPredictor, TransferredPositions,
-    transfer,
-};
+use veiloc_attacks::{AttackError, DecodedDescriptors, KnownImage, NeighbourLists, NeighbourPredictor};
 use veiloc_datasets::problem_files::{KeypointImage, read_keypoints};
 use veiloc_descriptor::DescriptorKind;
 
@@ -62,9 +59,6 @@ impl fmt::Display for Neighbours {
     }
 }
 
-/// Map images from which positions and neighbours are transferred: those with the most mutual matches.
-const MAP_IMAGES: usize = 5;
-
 impl NeighbourSource {
     /// The kind of source.
     pub const fn kind(&self) -> Neighbours {
@@ -87,7 +81,7 @@ impl NeighbourSource {
             Self::Network { model } => {
                 let network = NeighbourNetwork::open(model)?;
                 check_features(attacked, network.features())?;
-                Ok(Some(Predictor::Network(Box::new(network))))
+                Ok(Some(Box::new(move |descriptors, k| network.predict(descriptors, k))))
             }
             Self::Predicted { train } => {
                 let mut images = Vec::new();
@@ -109,33 +103,15 @@ impl NeighbourSource {
                 if let Some(kind) = kind {
                     check_features(attacked, kind.name())?;
                 }
-                Ok(Some(Predictor::Statistic(NeighbourPredictor::fit(&images, k)?)))
+                let statistic = NeighbourPredictor::fit(&images, k)?;
+                Ok(Some(Box::new(move |descriptors, k| statistic.predict(descriptors, k))))
             }
         }
     }
 }
 
-/// Predicts neighbours from descriptors alone.
-pub(super) enum Predictor {
-    /// Canonical correlations.
-    Statistic(NeighbourPredictor),
-    /// A trained network.
-    Network(Box<NeighbourNetwork>),
-}
-
-impl Predictor {
-    /// The `k` likeliest neighbours of each keypoint, likeliest first.
-    pub(super) fn predict(
-        &self,
-        descriptors: &DecodedDescriptors,
-        k: usize,
-    ) -> Result<NeighbourLists, AttackError> {
-        match self {
-            Self::Statistic(statistic) => statistic.predict(descriptors, k),
-            Self::Network(network) => network.predict(descriptors, k),
-        }
-    }
-}
+/// Predicts from descriptors alone the given number of neighbours of each keypoint, likeliest first.
+pub(super) type Predictor = Box<dyn Fn(&DecodedDescriptors, usize) -> Result<NeighbourLists, AttackError>>;
 
 /// An image with its keypoints and descriptors.
 pub(super) fn known(image: &KeypointImage) -> Result<KnownImage, EvalError> {
@@ -143,19 +119,8 @@ pub(super) fn known(image: &KeypointImage) -> Result<KnownImage, EvalError> {
     Ok(KnownImage::new(image.keypoints.clone(), descriptors, image.width, image.height)?)
 }
 
-/// Transfer from the other images of a file, `[images]`, to one of them, like from a server's map.
-pub(super) fn from_others(
-    known: &[KnownImage],
-    own: usize,
-    size: (u32, u32),
-    k: usize,
-) -> Result<TransferredPositions, AttackError> {
-    let map: Vec<KnownImage> =
-        known.iter().enumerate().filter(|(i, _)| *i != own).map(|(_, p)| p.clone()).collect();
-    transfer(known[own].descriptors(), &map, size, MAP_IMAGES, k)
-}
-
-pub(crate) fn descriptors(image: &KeypointImage) -> Result<DecodedDescriptors, EvalError> {
+/// The descriptors of an image.
+pub(super) fn descriptors(image: &KeypointImage) -> Result<DecodedDescriptors, EvalError> {
     match &image.descriptors {
         Some(descriptors) => Ok(DecodedDescriptors::of(descriptors.view())),
         None => {

@@ -2,20 +2,25 @@
 
 use std::path::PathBuf;
 
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use veiloc_datasets::problem_files::{KeypointImage, seed_for};
 use veiloc_protocol::{AngleBits, Scheme};
 
-use crate::attack_evaluation::attacks::Attack;
-use crate::attack_evaluation::multi_view::FrameChoice;
-use crate::attack_evaluation::neighbours::NeighbourSource;
+use super::attacks::{Attack, Knowledge};
+use super::multi_view::FrameChoice;
+use super::neighbours::NeighbourSource;
 
 /// Options of an evaluation of attacks.
 #[derive(Debug, Clone)]
 pub struct AttackEvaluation {
-    /// Keypoint files; empty to attack [`Self::synthetic`] alone.
+    /// Images of one or more scenes.
+    pub groups: Vec<ImageGroup>,
+    /// Keypoint files, each a further group.
     pub files: Vec<PathBuf>,
     /// Number of uniform keypoints of an additional synthetic image, 0 for none.
     pub synthetic: usize,
-    /// Number of images of each file that are attacked, from the first; all of them train the learned prior.
+    /// Number of images of each group that are attacked, from the first; all of them train the learned prior.
     pub images: Option<usize>,
     /// Schemes, in the order of the table.
     pub schemes: Vec<Scheme>,
@@ -47,11 +52,33 @@ pub struct AttackEvaluation {
     pub seed: u64,
 }
 
-/// The paper's attack as in the paper: every scheme, twenty true neighbours per keypoint. The files must still be
+impl AttackEvaluation {
+    /// The first attack that needs this.
+    pub(super) fn needs(&self, what: Knowledge) -> Option<&Attack> {
+        self.attacks.iter().find(|attack| attack.needs(what))
+    }
+
+    /// A generator for one use of an image under a scheme.
+    pub(super) fn rng(&self, image: &str, scheme: Scheme, what: &str) -> ChaCha8Rng {
+        ChaCha8Rng::seed_from_u64(seed_for(self.seed, &[image, &scheme.to_string(), what]))
+    }
+}
+
+/// Images of one group: for each image, the others train the learned prior and are the map of `transfer`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImageGroup {
+    /// Name in the document.
+    pub name: String,
+    /// The images.
+    pub images: Vec<KeypointImage>,
+}
+
+/// The paper's attack as in the paper: every scheme, twenty true neighbours per keypoint. The images must still be
 /// set.
 impl Default for AttackEvaluation {
     fn default() -> Self {
         Self {
+            groups: Vec::new(),
             files: Vec::new(),
             synthetic: 0,
             images: None,

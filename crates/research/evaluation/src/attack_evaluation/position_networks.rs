@@ -13,16 +13,13 @@ use crate::EvalError;
 
 /// Position networks trained by an outsider.
 #[derive(Debug, Default)]
-pub struct TrainedPositions {
+pub(super) struct PositionNetworks {
     networks: Vec<PositionNetwork>,
 }
 
-impl TrainedPositions {
-    /// Reads the networks from their description files.
-    ///
-    /// # Errors
-    /// [`EvalError`] when a file does not describe a position network, or two networks have the same scheme.
-    pub fn read(files: &[PathBuf]) -> Result<Self, EvalError> {
+impl PositionNetworks {
+    /// Reads the networks from their description files, at most one per scheme.
+    pub(super) fn read(files: &[PathBuf]) -> Result<Self, EvalError> {
         let mut networks: Vec<PositionNetwork> = Vec::new();
         for file in files {
             let network = PositionNetwork::open(file)?;
@@ -38,7 +35,7 @@ impl TrainedPositions {
     }
 
     /// Whether there is a network for this scheme.
-    pub fn knows(&self, scheme: Scheme) -> bool {
+    pub(super) fn knows(&self, scheme: Scheme) -> bool {
         self.networks.iter().any(|n| n.scheme() == scheme)
     }
 
@@ -48,7 +45,7 @@ impl TrainedPositions {
     }
 
     /// Positions from the network of this scheme, `[N]`; `None` if there is none.
-    pub(crate) fn recover(
+    pub(super) fn recover(
         &self,
         scheme: Scheme,
         observations: &[Observation],

@@ -3,7 +3,9 @@
 //! A private object is not scattered among the map's keypoints: it is a compact region, and its centre is far from
 //! every known position. Errors on keypoints that remained unmatched by chance do not represent it.
 
-use rand::Rng;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use veiloc_datasets::problem_files::seed_for;
 use veiloc_features::{FeatureError, Mask};
 use veiloc_geometry::Pixel;
 
@@ -11,7 +13,9 @@ use veiloc_geometry::Pixel;
 const UPRIGHT: f64 = 2.5;
 
 /// Keypoints in an upright ellipse around a random keypoint that holds this share of all, rounded up: `[N]`.
-pub fn person(keypoints: &[Pixel], share: f64, rng: &mut impl Rng) -> Vec<bool> {
+/// The region depends on seed and name of the image.
+pub(super) fn person(keypoints: &[Pixel], share: f64, seed: u64, image: &str) -> Vec<bool> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed_for(seed, &[image, "private region"]));
     let mut inside = vec![false; keypoints.len()];
     if keypoints.is_empty() {
         return inside;
@@ -75,16 +79,13 @@ pub(super) fn turned(keypoints: &[Pixel], size: [u32; 2], share: f64, rng: &mut 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::SeedableRng;
-    use rand_chacha::ChaCha8Rng;
 
     #[test]
     fn private_region_is_an_ellipse_with_requested_share() {
         let grid: Vec<Pixel> =
             (0..4800).map(|i| Pixel::new(f64::from(i % 80) * 8.0, f64::from(i / 80) * 8.0)).collect();
-        let mut rng = ChaCha8Rng::seed_from_u64(2);
         for share in [0.05, 0.1, 0.3] {
-            let inside = person(&grid, share, &mut rng);
+            let inside = person(&grid, share, 2, "image");
             let members: Vec<Pixel> = grid.iter().zip(&inside).filter(|m| *m.1).map(|m| *m.0).collect();
             assert_eq!(members.len(), (share * 4800.0_f64).ceil() as usize);
             // Compact: every keypoint between two members of a row is a member.
@@ -100,7 +101,7 @@ mod tests {
             };
             assert!(extent(|p| p.v) > 1.0 * extent(|p| p.u), "upright");
         }
-        assert!(person(&[], 0.5, &mut rng).is_empty());
+        assert!(person(&[], 0.5, 2, "image").is_empty());
     }
 
     #[test]

@@ -20,39 +20,34 @@ use veiloc_protocol::{Observations, Scheme};
 use veiloc_synthetic::problems::normal_pair;
 
 use super::document::ServerSummary;
+use super::inliers::{depth_limits, likeliest_by_row, projected_inliers};
 use super::options::{AttackEvaluation, MeasuredKeypoints, PrivateRegion, ServerKnowledge};
 use super::private_region::{masked, person, turned};
-use super::server_view::{PosedView, ServerView};
 use crate::EvalError;
 use crate::pose::pose_problem;
-use veiloc_datasets::problem_files::KeypointImage;
-use veiloc_datasets::problem_files::seed_for;
-use veiloc_datasets::problem_files::{Problem, read_problems};
+use veiloc_datasets::problem_files::{KeypointImage, Problem, read_problems, seed_for};
 
 /// Problems by image name.
 pub(super) struct Server<'a> {
     knowledge: &'a ServerKnowledge,
     problems: BTreeMap<String, Problem>,
     /// What images of the map, or the other attacked images, saw of it.
-    sights: Vec<MapSight>,
+    views: Vec<MapView>,
 }
 
 /// One image of the map.
-struct MapSight {
+struct MapView {
     name: String,
     cam_from_world: CameraFromWorld,
     points: Vec<Point3<World>>,
 }
 
 /// Images of the map that tell what should be seen.
-const NEAR_SIGHTS: usize = 6;
+const NEAR_VIEWS: usize = 6;
 /// Cosine of the angle between their viewing directions and that of the query.
 const MIN_COSINE: f64 = 0.7;
 /// Reprojection error of a point that an image of the map saw, pixels.
-const MAX_SIGHT_ERROR_PX: f64 = 3.0;
-/// Factors by which the depth limits extend the depths of the inliers.
-const NEARER: f64 = 0.5;
-const FARTHER: f64 = 2.0;
+const MAX_VIEW_ERROR_PX: f64 = 3.0;
 
 impl<'a> Server<'a> {
     /// Reads the matches.
@@ -61,14 +56,14 @@ impl<'a> Server<'a> {
         for file in &knowledge.problems {
             problems.extend(read_problems(file)?.into_iter().map(|p| (p.name.clone(), p)));
         }
-        let mut sights: Vec<MapSight> = Vec::new();
+        let mut views: Vec<MapView> = Vec::new();
         for file in &knowledge.map_problems {
-            sights.extend(read_problems(file)?.iter().map(MapSight::of));
+            views.extend(read_problems(file)?.iter().map(MapView::of));
         }
         if knowledge.map_problems.is_empty() {
-            sights.extend(problems.values().map(MapSight::of));
+            views.extend(problems.values().map(MapView::of));
         }
-        Ok(Self { knowledge, problems, sights })
+        Ok(Self { knowledge, problems, views })
     }
 
     /// Map points that should be seen from this pose, because the nearest images that look into this direction saw
@@ -76,17 +71,17 @@ impl<'a> Server<'a> {
     fn expected(&self, name: &str, camera: &Pinhole, cam_from_world: &CameraFromWorld) -> Vec<Pixel> {
         let axis = |pose: &CameraFromWorld| pose.rotation().inverse() * Vector3::z();
         let looks_along =
-            |sight: &&MapSight| axis(&sight.cam_from_world).dot(&axis(cam_from_world)) > MIN_COSINE;
+            |view: &&MapView| axis(&view.cam_from_world).dot(&axis(cam_from_world)) > MIN_COSINE;
         let center = cam_from_world.center();
-        let mut near: Vec<(f64, &MapSight)> = self
-            .sights
+        let mut near: Vec<(f64, &MapView)> = self
+            .views
             .iter()
-            .filter(|sight| sight.name != name)
+            .filter(|view| view.name != name)
             .filter(looks_along)
-            .map(|sight| (sight.cam_from_world.center().distance(&center), sight))
+            .map(|view| (view.cam_from_world.center().distance(&center), view))
             .collect();
         near.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.1.name.cmp(&b.1.name)));
-        let points = near.iter().take(NEAR_SIGHTS).flat_map(|(_, sight)| &sight.points);
+        let points = near.iter().take(NEAR_VIEWS).flat_map(|(_, view)| &view.points);
         let distinct: BTreeMap<[u64; 3], &Point3<World>> =
             points.map(|p| (<[f64; 3]>::from(p.coords).map(f64::to_bits), p)).collect();
         let project = |point: &&Point3<World>| {
@@ -105,115 +100,101 @@ impl<'a> Server<'a> {
         evaluation: &AttackEvaluation,
         image: &KeypointImage,
         scheme: Scheme,
-    ) -> Result<ServerView, EvalError> {
+    ) -> Result<SentImage, EvalError> {
+        let problem = self.problem_of(image)?;
+        let rows = rows_of(problem, image)?;
+        let private = self.private_region(image, evaluation.seed)?;
+        let mut rng = ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[&image.name, "turned regions"]));
+        let size = [image.width, image.height];
+        let turned = turned(&image.keypoints, size, self.knowledge.turned, &mut rng);
+        let in_map =
+            |m: &usize| private.as_ref().is_none_or(|inside| !inside[rows[*m][0]]) && !turned[rows[*m][0]];
+        let selected: Vec<usize> = (0..rows.len()).filter(in_map).collect();
+        let matched = restricted_to(problem, &selected, &rows);
+
+        let mut view = SentImage::of(evaluation, image, scheme)?;
+        self.localize(&matched, &rows, &mut view, &mut evaluation.rng(&image.name, scheme, "pose"));
+        self.measure(private, &turned, &mut view);
+        Ok(view)
+    }
+
+    /// The matches of an image.
+    fn problem_of(&self, image: &KeypointImage) -> Result<&Problem, EvalError> {
         let name = &image.name;
         let problem = self.problems.get(name).ok_or_else(|| EvalError::NoMatches { image: name.clone() })?;
         let (size, expected) = ([problem.camera.width, problem.camera.height], [image.width, image.height]);
-        if size != expected {
-            return Err(EvalError::OtherSize { image: name.clone(), size, expected });
+        if size == expected {
+            Ok(problem)
+        } else {
+            Err(EvalError::OtherSize { image: name.clone(), size, expected })
         }
-        let rows = rows_of(problem, image)?;
-        let private = match &self.knowledge.private {
+    }
+
+    /// Keypoints of the private region, `[N]`, if there is one.
+    fn private_region(&self, image: &KeypointImage, seed: u64) -> Result<Option<Vec<bool>>, EvalError> {
+        Ok(match &self.knowledge.private {
             None => None,
-            Some(PrivateRegion::Share(share)) => {
-                let seed = seed_for(evaluation.seed, &[name, "private region"]);
-                Some(person(&image.keypoints, *share, &mut ChaCha8Rng::seed_from_u64(seed)))
-            }
+            Some(PrivateRegion::Share(share)) => Some(person(&image.keypoints, *share, seed, &image.name)),
             Some(PrivateRegion::Masks(folder)) => {
-                let mask = load_mask(&mask_file(folder, name))?;
+                let mask = load_mask(&mask_file(folder, &image.name))?;
                 Some(masked(&image.keypoints, [image.width, image.height], &mask)?)
             }
-        };
-        let turned = {
-            let seed = seed_for(evaluation.seed, &[name, "turned regions"]);
-            turned(
-                &image.keypoints,
-                [image.width, image.height],
-                self.knowledge.turned,
-                &mut ChaCha8Rng::seed_from_u64(seed),
-            )
-        };
-        let in_map =
-            |m: usize| private.as_ref().is_none_or(|inside| !inside[rows[m][0]]) && !turned[rows[m][0]];
-        let selected: Vec<usize> = (0..rows.len()).filter(|m| in_map(*m)).collect();
-        let matched = restricted_to(problem, &selected, &rows);
+        })
+    }
 
-        let text = scheme.to_string();
-        let rng = |what: &str| ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[name, &text, what]));
-        let observed = seal_image(evaluation, image, scheme)?;
-        let (input, match_of) = pose_problem(&matched, &observed, true);
-        let lines = Observation::of_sent(&observed);
-        let mut observations = lines.clone();
-        let mut pose = None;
-        // A pose that the server does not trust gives it no knowledge.
-        let found = estimate_pose(&input, &PoseOptions::default(), &mut rng("pose")).ok();
-        if let Some(found) = found.filter(|f| f.confidence.is_trusted()) {
-            let prior = matched.prior();
-            let mut best: BTreeMap<usize, (f64, Pixel)> = BTreeMap::new();
-            let mut depths = Vec::new();
-            let mut seen_points = Vec::new();
-            for (i, m) in match_of.iter().enumerate().filter(|(i, _)| found.inliers[*i]) {
-                let seen = found.cam_from_world.transform(&input.points[i]);
-                let Some(plane) = PlanePoint::from_camera_point(&seen) else { continue };
-                depths.push(seen.depth());
-                let (weight, at) = (prior.as_ref().map_or(0.0, |p| p[*m]), input.camera.project(plane));
-                seen_points.push((at, seen.depth()));
-                let row = matched.keypoint_of_match[*m];
-                let entry = best.entry(row).or_insert((weight, at));
-                if weight > entry.0 {
-                    *entry = (weight, at);
-                }
-            }
-            // Rows with equal positions have equal lines, and the server can see that.
-            for rows in &rows {
-                if let Some((_, at)) = best.get(&rows[0]) {
-                    for &row in rows {
-                        observations[row] = Observation::Known(*at);
-                    }
-                }
-            }
-            depths.sort_unstable_by(f64::total_cmp);
-            if let (Some(least), Some(most)) = (depths.first(), depths.last()) {
-                pose = Some(PosedView {
-                    expected: self.expected(name, &input.camera, &found.cam_from_world),
-                    camera: input.camera,
-                    cam_from_world: found.cam_from_world,
-                    depths: [NEARER * least, FARTHER * most],
-                    known: seen_points,
-                });
+    /// Estimates the pose and projects its inliers. A pose that the server does not trust gives it no knowledge.
+    ///
+    /// `rows`: for each match of the image, before any was left out, its rows.
+    fn localize(&self, matched: &Problem, rows: &[Vec<usize>], view: &mut SentImage, rng: &mut ChaCha8Rng) {
+        let (input, match_of) = pose_problem(matched, &view.observed, true);
+        let found = estimate_pose(&input, &PoseOptions::default(), rng).ok();
+        let Some(found) = found.filter(|found| found.confidence.is_trusted()) else { return };
+        let inliers = projected_inliers(&input, &found, |i| matched.keypoint_of_match[match_of[i]]);
+        let best = likeliest_by_row(&inliers);
+        // Rows with equal positions have equal lines, and the server can see that.
+        for rows in rows {
+            let Some((at, _)) = best.get(&rows[0]) else { continue };
+            for &row in rows {
+                view.observations[row] = Observation::Known(*at);
+                view.known[row] = Some(*at);
             }
         }
-        let position = |o: &Observation| match o {
-            Observation::Known(p) => Some(*p),
-            _ => None,
-        };
-        let known: Vec<Option<Pixel>> = observations.iter().map(position).collect();
+        view.pose = depth_limits(inliers.iter().map(|inlier| inlier.depth)).map(|depths| PosedView {
+            expected: self.expected(&matched.name, &input.camera, &found.cam_from_world),
+            camera: input.camera,
+            cam_from_world: found.cam_from_world,
+            depths,
+            known: inliers.iter().map(|inlier| (inlier.pixel, inlier.depth)).collect(),
+        });
+    }
+
+    /// Selects the keypoints on which errors are measured.
+    fn measure(&self, private: Option<Vec<bool>>, turned: &[bool], view: &mut SentImage) {
         let measured: Vec<bool> = match (private, self.knowledge.measured) {
             (Some(inside), _) => inside,
-            (None, MeasuredKeypoints::Hidden) => known.iter().map(Option::is_none).collect(),
-            (None, MeasuredKeypoints::All) => vec![true; observations.len()],
+            (None, MeasuredKeypoints::Hidden) => view.known.iter().map(Option::is_none).collect(),
+            (None, MeasuredKeypoints::All) => vec![true; view.known.len()],
             (None, MeasuredKeypoints::Matched) => {
-                observations.clone_from(&lines);
+                view.observations.clone_from(&view.lines);
                 // A known point would reveal the depth of its own keypoint.
-                if let Some(pose) = &mut pose {
+                if let Some(pose) = &mut view.pose {
                     pose.known.clear();
                 }
-                known.iter().map(Option::is_some).collect()
+                view.known.iter().map(Option::is_some).collect()
             }
         };
-        let ignored = measured.iter().zip(&turned).map(|(measured, turned)| *measured && *turned).collect();
-        let measured = measured.iter().zip(&turned).map(|(measured, turned)| *measured && !turned).collect();
-        Ok(ServerView { observed, sent: lines, observations, known, measured, ignored, pose })
+        let of = |turned_too: bool| measured.iter().zip(turned).map(move |(m, t)| *m && *t == turned_too);
+        (view.ignored, view.measured) = (of(true).collect(), of(false).collect());
     }
 }
 
-impl MapSight {
+impl MapView {
     /// The points that the image saw: matches that agree with its pose.
     fn of(problem: &Problem) -> Self {
         let agrees = |(keypoint, point): (&usize, &Point3<World>)| {
             let seen = problem.cam_from_world.transform(point);
             let at = problem.camera.project(PlanePoint::from_camera_point(&seen)?);
-            (at.distance(&problem.keypoints[*keypoint]) < MAX_SIGHT_ERROR_PX).then_some(*point)
+            (at.distance(&problem.keypoints[*keypoint]) < MAX_VIEW_ERROR_PX).then_some(*point)
         };
         Self {
             name: problem.name.clone(),
@@ -223,17 +204,56 @@ impl MapSight {
     }
 }
 
-/// Seals an image. The seed depends on image and scheme only, so other schemes or attacks do not change the result.
-pub(super) fn seal_image(
-    evaluation: &AttackEvaluation,
-    image: &KeypointImage,
-    scheme: Scheme,
-) -> Result<Observations, EvalError> {
-    let seed = seed_for(evaluation.seed, &[&image.name, &scheme.to_string(), "sent"]);
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let (width, height) = (image.width, image.height);
-    obfuscate_points(&image.keypoints, width, height, &scheme, evaluation.angle_bits, &mut rng)
-        .map_err(|source| EvalError::Seal { name: image.name.clone(), source })
+/// One image as it was sent under one scheme, with what a server knows of it that has localized it. `[N]`: one entry per
+/// row.
+pub(super) struct SentImage {
+    /// The sent observations.
+    pub(super) observed: Observations,
+    /// `[N]`: the same as an attacker reads them, nothing else.
+    pub(super) lines: Vec<Observation>,
+    /// `[N]`: the same, with the positions of inliers that are given to the attack.
+    pub(super) observations: Vec<Observation>,
+    /// `[N]`: the positions of the inliers, whether or not they are given to the attack.
+    pub(super) known: Vec<Option<Pixel>>,
+    /// `[N]`: whether the error of a keypoint is measured.
+    pub(super) measured: Vec<bool>,
+    /// `[N]`: private keypoints whose descriptors are turned: they are neither measured nor counted as others.
+    pub(super) ignored: Vec<bool>,
+    /// The camera with its pose and depths, if a pose was found.
+    pub(super) pose: Option<PosedView>,
+}
+
+pub(super) struct PosedView {
+    pub(super) camera: Pinhole,
+    pub(super) cam_from_world: CameraFromWorld,
+    /// Least and greatest depth of the scene, map units.
+    pub(super) depths: [f64; 2],
+    /// Map points that the server sees: position in pixels, depth in map units.
+    pub(super) known: Vec<(Pixel, f64)>,
+    /// Map points that images near this one saw, projected: they should be seen.
+    pub(super) expected: Vec<Pixel>,
+}
+
+impl SentImage {
+    /// Seals an image. An attacker without a server knows no position, and errors are measured on all keypoints.
+    pub(super) fn of(
+        evaluation: &AttackEvaluation,
+        image: &KeypointImage,
+        scheme: Scheme,
+    ) -> Result<Self, EvalError> {
+        let mut rng = evaluation.rng(&image.name, scheme, "sent");
+        let observed = obfuscated(evaluation, image, &image.keypoints, scheme, &mut rng)?;
+        let (lines, n) = (Observation::of_sent(&observed), image.keypoints.len());
+        Ok(Self {
+            observed,
+            observations: lines.clone(),
+            lines,
+            known: vec![None; n],
+            measured: vec![true; n],
+            ignored: vec![false; n],
+            pose: None,
+        })
+    }
 }
 
 /// Another seal of the image, or another frame of a stationary camera: the same rows in the same order.
@@ -243,10 +263,7 @@ pub(super) fn reseal_image(
     scheme: Scheme,
     number: usize,
 ) -> Result<Vec<Observation>, EvalError> {
-    let again = format!("sent again {number}");
-    let seed = seed_for(evaluation.seed, &[&image.name, &scheme.to_string(), &again]);
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let (width, height) = (image.width, image.height);
+    let mut rng = evaluation.rng(&image.name, scheme, &format!("sent again {number}"));
     // A keypoint that the noise moves out of the image is clamped to it.
     let inside = |x: f64, side: u32| x.clamp(1e-3, f64::from(side) - 1e-3);
     let seen: Vec<Pixel> = image
@@ -254,12 +271,21 @@ pub(super) fn reseal_image(
         .iter()
         .map(|p| {
             let [du, dv] = normal_pair(&mut rng).map(|z| z * evaluation.resting_noise_px);
-            Pixel::new(inside(p.u + du, width), inside(p.v + dv, height))
+            Pixel::new(inside(p.u + du, image.width), inside(p.v + dv, image.height))
         })
         .collect();
-    let sent = obfuscate_points(&seen, width, height, &scheme, evaluation.angle_bits, &mut rng)
-        .map_err(|source| EvalError::Seal { name: image.name.clone(), source })?;
-    Ok(Observation::of_sent(&sent))
+    Ok(Observation::of_sent(&obfuscated(evaluation, image, &seen, scheme, &mut rng)?))
+}
+
+fn obfuscated(
+    evaluation: &AttackEvaluation,
+    image: &KeypointImage,
+    keypoints: &[Pixel],
+    scheme: Scheme,
+    rng: &mut ChaCha8Rng,
+) -> Result<Observations, EvalError> {
+    obfuscate_points(keypoints, image.width, image.height, &scheme, evaluation.angle_bits, rng)
+        .map_err(|source| EvalError::Seal { name: image.name.clone(), source })
 }
 
 /// Keypoints of the two files whose coordinates differ by less than this are the same, pixels.
@@ -327,7 +353,7 @@ pub(super) struct ServerStatistics {
 }
 
 impl ServerStatistics {
-    pub(super) fn add(&mut self, view: &ServerView, truth: &[Pixel]) {
+    pub(super) fn add(&mut self, view: &SentImage, truth: &[Pixel]) {
         self.images += 1;
         self.posed += usize::from(view.pose.is_some());
         self.keypoints += truth.len();

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::attacks::Attack;
+use super::attacks::{Attack, Knowledge};
 use super::document::{AttackDocument, AttackSummary};
 use crate::results::text_table::{TextTable, percent};
 
@@ -46,18 +46,20 @@ impl AttackDocument {
 
     /// Smallest share of replaced neighbours, percent; infinite when no attack uses neighbours.
     pub fn least_replaced_percent(&self) -> f64 {
-        let uses = |row: &&AttackSummary| row.attack.needs.neighbours && row.corrupt.is_finite();
+        let uses = |row: &&AttackSummary| row.attack.needs(Knowledge::Neighbours) && row.corrupt.is_finite();
         self.attacks.iter().filter(uses).map(|row| row.corrupt).fold(f64::INFINITY, f64::min)
     }
 
     fn least_replaced(&self) -> impl Iterator<Item = &AttackSummary> {
         let least = self.least_replaced_percent();
-        self.attacks.iter().filter(move |row| !row.attack.needs.neighbours || row.corrupt <= least)
+        self.attacks
+            .iter()
+            .filter(move |row| !row.attack.needs(Knowledge::Neighbours) || row.corrupt <= least)
     }
 }
 
-fn strongest<'a>(rows: impl Iterator<Item = &'a AttackSummary>) -> Option<&'a AttackSummary> {
-    // A row without a number comes last.
+/// The attack with the largest gain over the prior-only baseline; one without a number comes last.
+pub(super) fn strongest<'a>(rows: impl Iterator<Item = &'a AttackSummary>) -> Option<&'a AttackSummary> {
     let bits = |row: &AttackSummary| {
         if row.bits_over_prior.is_nan() { f64::NEG_INFINITY } else { row.bits_over_prior }
     };

@@ -10,6 +10,7 @@ use veiloc_protocol::{AngleBits, Scheme};
 
 use crate::exit::{Exit, Failure, Outcome};
 use crate::json_args::JsonArgs;
+use crate::stages::Stages;
 use crate::ui::Ui;
 
 /// Recover keypoints from obfuscated queries, with every attack under every scheme.
@@ -164,9 +165,6 @@ impl AdversaryArgs {
             ));
         }
         Ok(AttackEvaluation {
-            files: Vec::new(),
-            synthetic: 0,
-            images: None,
             schemes: self.schemes.clone(),
             attacks: attacks.to_vec(),
             neighbours: match self.neighbours {
@@ -203,6 +201,7 @@ impl AdversaryArgs {
             resting_noise_px: self.resting_noise,
             angle_bits: AngleBits::new(self.angle_bits)?,
             seed: self.seed,
+            ..AttackEvaluation::default()
         })
     }
 }
@@ -218,10 +217,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         images: args.limit.map(|n| n as usize),
         ..args.adversary.evaluation(&args.attacks)?
     };
-    let stage = ui.stage("Attacking", 0);
-    let document =
-        evaluate_attacks(&evaluation, |done, total| stage.set_position(done as u64, total as u64))?;
-    stage.finish();
+    let document = evaluate_attacks(&evaluation, "Attacking", &Stages::new(ui), &mut |_| {})?;
     args.json.print(&attacks_table(&document), &document, ui)?;
     Ok(Exit::Success)
 }

@@ -91,9 +91,9 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
         evaluation: AttackEvaluation {
             images: Some(args.limit as usize),
             synthetic: if args.no_synthetic { 0 } else { args.synthetic as usize },
+            groups: inputs.groups(),
             ..args.adversary.evaluation(&attacks)?
         },
-        groups: inputs.groups(),
         shown: args.show as usize,
         command: command_line(),
     };

@@ -6,8 +6,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use veiloc_datasets::problem_files::{KeypointImage, seed_for};
 use veiloc_evaluation::attack_evaluation::{
-    Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackProgress, AttackTrial, ImageGroup,
-    ShownImage, ShownImages, attack_groups,
+    Attack, AttackDocument, AttackEvaluation, ImageGroup, ShownImage, ShownImages, evaluate_attacks,
 };
 use veiloc_features::Progress;
 use veiloc_map::MapFile;
@@ -50,10 +49,13 @@ pub(crate) fn attack_all(
         seed: options.seed,
         ..AttackEvaluation::default()
     };
-    let group =
-        |images: &[KeypointImage]| ImageGroup { name: "hidden views".to_owned(), images: images.to_vec() };
-    let mut watched = AttackRecorder::new(progress, "Attacking queries");
-    let mut document = attack_groups(&evaluation, vec![group(&images)], &mut watched)?;
+    let group = |images: &[KeypointImage]| {
+        vec![ImageGroup { name: "hidden views".to_owned(), images: images.to_vec() }]
+    };
+    evaluation.groups = group(&images);
+    let mut drawn = ShownImages::with_limit(1);
+    let mut document =
+        evaluate_attacks(&evaluation, "Attacking queries", progress, &mut |trial| drawn.add(trial))?;
     // An operator of the map has its images.
     images.truncate(SHOWN);
     progress.start("Extracting map keypoints", scene.map_list.len());
@@ -64,11 +66,12 @@ pub(crate) fn attack_all(
     evaluation.attacks = vec![Attack::TRANSFER, Attack::RESTING_CAMERA, Attack::GRAPH];
     evaluation.frames = vec![SEALS];
     evaluation.images = Some(SHOWN);
-    let mut slow_watched = AttackRecorder::new(progress, "Computing the layout of the neighbour graph");
-    let slow = attack_groups(&evaluation, vec![group(&images)], &mut slow_watched)?;
-    progress.finish();
-    let mut shown = watched.gallery.shown.pop();
-    let more = slow_watched.gallery.shown.pop().map_or_else(Vec::new, |shown| shown.schemes);
+    evaluation.groups = group(&images);
+    let mut slow_drawn = ShownImages::with_limit(1);
+    let stage = "Computing the layout of the neighbour graph";
+    let slow = evaluate_attacks(&evaluation, stage, progress, &mut |trial| slow_drawn.add(trial))?;
+    let mut shown = drawn.shown.pop();
+    let more = slow_drawn.shown.pop().map_or_else(Vec::new, |shown| shown.schemes);
     for (scheme, more) in shown.iter_mut().flat_map(|shown| &mut shown.schemes).zip(more) {
         scheme.attacks.extend(more.attacks.into_iter().filter(|attack| attack.attack != Attack::PRIOR));
     }
@@ -103,26 +106,4 @@ fn sent_keypoints(
         keypoints: real.iter().map(|row| truth.pixels[*row]).collect(),
         descriptors: Some(descriptors),
     })
-}
-
-/// Stores the positions of the first image, and reports progress.
-struct AttackRecorder<'a> {
-    gallery: ShownImages,
-    stage: AttackProgress<'a>,
-}
-
-impl<'a> AttackRecorder<'a> {
-    fn new(progress: &'a dyn Progress, stage: &'a str) -> Self {
-        Self { gallery: ShownImages::with_limit(1), stage: AttackProgress::new(progress, stage) }
-    }
-}
-
-impl AttackObserver for AttackRecorder<'_> {
-    fn advance(&mut self, _done: usize, total: usize) {
-        self.stage.advance(total);
-    }
-
-    fn saw(&mut self, trial: &AttackTrial<'_>) {
-        self.gallery.saw(trial);
-    }
 }

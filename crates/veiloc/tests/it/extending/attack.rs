@@ -1,8 +1,7 @@
 //! A user-defined attack: a value beside those of the table.
 
 use veiloc::audit::{
-    Attack, AttackEvaluation, AttackRequirements, ImageGroup, RecoveredPositions, attack_groups,
-    attacks_table,
+    Attack, AttackEvaluation, Knowledge, RecoveredPositions, attacks_table, evaluate_attacks,
 };
 use veiloc::geometry::Pixel;
 use veiloc::protocol::Scheme;
@@ -12,11 +11,11 @@ const NEIGHBOUR_MEAN: Attack = Attack {
     name: "middle-of-neighbours",
     words: "mean of the neighbours' prior-only positions",
     holds: "",
-    needs: AttackRequirements::NEIGHBOURS,
-    run: |a, _| {
-        let prior = a.prior_only();
+    needs: &[Knowledge::Neighbours],
+    run: |a| {
+        let (prior, neighbours) = (a.prior_only(), a.neighbours()?);
         let middle = |i: usize| {
-            let near = a.neighbours.of(i);
+            let near = neighbours.of(i);
             let n = near.len().max(1) as f64;
             let sum = near.iter().fold((0.0, 0.0), |s, j| {
                 let p = prior[*j as usize];
@@ -26,7 +25,7 @@ const NEIGHBOUR_MEAN: Attack = Attack {
                 return prior[i];
             }
             let middle = Pixel::new(sum.0, sum.1);
-            a.observations[i].lines()[0].map_or(middle, |line| line.closest_point(middle))
+            a.observations()[i].lines()[0].map_or(middle, |line| line.closest_point(middle))
         };
         Ok(RecoveredPositions::from((0..prior.len()).map(middle).collect::<Vec<_>>()))
     },
@@ -41,8 +40,7 @@ fn user_defined_attack_is_in_the_table() {
         seed: 1,
         ..AttackEvaluation::default()
     };
-    let groups: Vec<ImageGroup> = Vec::new();
-    let document = attack_groups(&evaluation, groups, &mut ()).expect("it runs");
+    let document = evaluate_attacks(&evaluation, "Attacking", &(), &mut |_| {}).expect("it runs");
     let row = |scheme: &str, attack: Attack| {
         document.attacks.iter().find(|r| r.scheme == scheme && r.attack == attack).expect("it ran").clone()
     };

@@ -5,8 +5,12 @@ use std::str::FromStr;
 
 use serde::Serialize;
 
+use super::super::names::{UnknownName, find};
+
 /// An attacker who reads queries. The adversary's gain is that of its best attack among [`Adversary::attacks`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
 pub enum Adversary {
     /// Holds the query alone, and neighbours predicted by a statistic of descriptors learned on other scenes.
     OutsiderStatistic,
@@ -88,16 +92,17 @@ impl Adversary {
         }
     }
 
-    /// Whether it needs a map of the scene.
-    pub const fn needs_map(self) -> bool {
+    /// Whether it has found the pose.
+    pub const fn knows_pose(self) -> bool {
         matches!(
             self,
-            Self::MapServer
-                | Self::PoseServer
-                | Self::PoseServerPrivate
-                | Self::PoseServerImages
-                | Self::SeveralFrames
+            Self::PoseServer | Self::PoseServerPrivate | Self::PoseServerImages | Self::SeveralFrames
         )
+    }
+
+    /// Whether it needs a map of the scene.
+    pub const fn needs_map(self) -> bool {
+        self.knows_pose() || matches!(self, Self::MapServer)
     }
 
     /// Its attacks, by their names in [`crate::attack_evaluation::ATTACKS`].
@@ -129,64 +134,35 @@ impl Adversary {
     }
 }
 
-impl Serialize for Adversary {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(self.name())
-    }
-}
-
-#[cfg(feature = "schema")]
-impl schemars::JsonSchema for Adversary {
-    fn inline_schema() -> bool {
-        true
-    }
-
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "Adversary".into()
-    }
-
-    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
-        String::json_schema(generator)
-    }
-}
-
 impl fmt::Display for Adversary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
     }
 }
 
-/// No adversary has this name.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{name:?} is not an adversary; use one of {}", Adversary::ALL.map(Adversary::name).join(", "))]
-pub struct UnknownAdversary {
-    name: String,
-}
-
 /// One of [`Adversary::ALL`].
 impl FromStr for Adversary {
-    type Err = UnknownAdversary;
+    type Err = UnknownName;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let found = Self::ALL.into_iter().find(|adversary| adversary.name() == text);
-        found.ok_or_else(|| UnknownAdversary { name: text.to_owned() })
+        find(text, "an adversary", Self::ALL, |adversary| adversary.name())
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::attack_evaluation::Attack;
+    use crate::attack_evaluation::{Attack, Knowledge};
 
     #[test]
     fn attacks_of_adversaries_exist() {
         for adversary in Adversary::ALL {
             assert_eq!(adversary.name().parse(), Ok(adversary));
             for attack in adversary.attacks().iter().chain(adversary.slow_attacks()) {
-                let needs = attack.parse::<Attack>().expect(attack).needs;
-                let knows_pose = adversary >= Adversary::PoseServer && adversary <= Adversary::SeveralFrames;
-                assert_eq!(needs.pose, knows_pose, "{adversary} {attack}");
-                assert_eq!(needs.pose || needs.map_images, adversary.needs_map(), "{adversary} {attack}");
+                let attack: Attack = attack.parse().expect(attack);
+                let (pose, images) = (attack.needs(Knowledge::Pose), attack.needs(Knowledge::MapImages));
+                assert_eq!(pose, adversary.knows_pose(), "{adversary} {attack}");
+                assert_eq!(pose || images, adversary.needs_map(), "{adversary} {attack}");
             }
         }
     }

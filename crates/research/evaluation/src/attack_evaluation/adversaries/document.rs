@@ -1,12 +1,8 @@
 //! Gains of adversaries, as the stable JSON document.
 
-use std::collections::BTreeMap;
-
 use serde::Serialize;
 
 use super::adversary::Adversary;
-use super::attackers::{AttackGain, Gain};
-use super::options::AdversariesEvaluation;
 
 /// Also of `--attack-json` of `eval dataset`.
 /// `veiloc eval adversaries --help` lists the adversaries; one without the required resources (a map, training data, a
@@ -71,60 +67,17 @@ pub struct AdversaryRow {
     pub attacks: Vec<AttackGain>,
 }
 
-impl AdversariesDocument {
-    pub(super) fn new(evaluation: &AdversariesEvaluation) -> Self {
-        Self {
-            version: 1,
-            command: "eval adversaries",
-            k: evaluation.k,
-            seed: evaluation.seed,
-            missing: Vec::new(),
-            rows: Vec::new(),
-        }
-    }
-
-    /// Lists the adversaries without a row.
-    pub(super) fn list_missing(&mut self, evaluation: &AdversariesEvaluation) {
-        let there = |a: &Adversary| self.rows.iter().any(|row| row.adversary == a.name());
-        self.missing = evaluation.adversaries.iter().copied().filter(|a| !there(a)).collect();
-    }
-
-    /// Adds the rows of an adversary, in the order of the schemes.
-    pub(super) fn add(
-        &mut self,
-        data: &str,
-        adversary: Adversary,
-        mut gains: BTreeMap<String, Gain>,
-        evaluation: &AdversariesEvaluation,
-    ) {
-        for scheme in &evaluation.schemes {
-            let scheme = scheme.to_string();
-            let Some(gain) = gains.remove(&scheme) else { continue };
-            self.rows.push(AdversaryRow {
-                data: data.to_owned(),
-                adversary: adversary.name(),
-                realistic: adversary.is_realistic(),
-                scheme,
-                attack: gain.best.attack.to_string(),
-                frames: gain.best.frames,
-                images: gain.best.images,
-                measured: gain.measured,
-                precision: gain.precision,
-                prior_median_px: gain.prior.median_px,
-                median_px: gain.best.median_px,
-                under_10px: gain.best.under_10px,
-                under_30px: gain.best.under_30px,
-                bits_over_prior: gain.best.bits_over_prior,
-                hiding_auc: gain.hiding_auc,
-                attacks: gain.tried,
-            });
-        }
-    }
-
-    /// Gain of an adversary; `None` if its resources were missing.
-    pub fn of(&self, data: &str, adversary: Adversary, scheme: &str) -> Option<&AdversaryRow> {
-        self.rows
-            .iter()
-            .find(|row| row.data == data && row.adversary == adversary.name() && row.scheme == scheme)
-    }
+/// One attack of an adversary with its gain.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct AttackGain {
+    /// Name of the attack.
+    pub attack: String,
+    /// Frames or seals that it used; absent for attacks on one query.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames: Option<usize>,
+    /// Median error, pixels.
+    pub median_px: f64,
+    /// Gain over the prior-only baseline, bits per keypoint.
+    pub bits_over_prior: f64,
 }

@@ -2,42 +2,42 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::EvalError;
-use crate::attack_evaluation::spread::spread;
-use crate::{GeneratedProblem, SceneEvaluation, folder_name, make_problems};
 use tempfile::TempDir;
 use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints, json_lines, read_keypoints};
 use veiloc_features::Progress;
 
+use super::super::spread::spread;
+use crate::{EvalError, GeneratedProblem, SceneEvaluation, folder_name, make_problems};
+
 /// All keypoints of a scene or a file, and the files that attacks read.
-pub(crate) struct AttackedKeypoints {
+pub(super) struct AttackedKeypoints {
     /// Name of the scene or file.
-    pub(crate) data: String,
+    pub(super) data: String,
     /// Attacked images, spread evenly over all.
-    pub(crate) attacked: Vec<KeypointImage>,
+    pub(super) attacked: Vec<KeypointImage>,
     /// The other queries.
-    pub(crate) others: Vec<KeypointImage>,
+    pub(super) others: Vec<KeypointImage>,
     /// Knowledge from a map of the scene; `None` for images without a map.
-    pub(crate) scene: Option<SceneKnowledge>,
+    pub(super) scene: Option<SceneKnowledge>,
 }
 
 /// Knowledge of the operator of a map.
-pub(crate) struct SceneKnowledge {
+pub(super) struct SceneKnowledge {
     /// Images of the map, in the frames of their canonical cameras, as queries are.
-    pub(crate) map: Vec<KeypointImage>,
+    pub(super) map: Vec<KeypointImage>,
     /// Matches of all queries with the map, `problems.jsonl`.
-    pub(crate) problems: PathBuf,
+    pub(super) problems: PathBuf,
     /// Matches of the map's images with the map, likewise.
-    pub(crate) map_problems: PathBuf,
+    pub(super) map_problems: PathBuf,
     /// Keypoints of [`Self::map`] as a file.
-    pub(crate) map_file: PathBuf,
+    pub(super) map_file: PathBuf,
     _folder: TempDir,
 }
 
 impl AttackedKeypoints {
     /// Keypoints of a scene: of its queries, `attacked` of which are attacked (`None` for all), and of its map
     /// images.
-    pub(crate) fn of_scene(
+    pub(super) fn of_scene(
         scene: &SceneEvaluation,
         attacked: Option<usize>,
         progress: &dyn Progress,
@@ -70,7 +70,7 @@ impl AttackedKeypoints {
     }
 
     /// Keypoints of a file without a map.
-    pub(crate) fn of_file(path: &Path, attacked: Option<usize>) -> Result<Self, EvalError> {
+    pub(super) fn of_file(path: &Path, attacked: Option<usize>) -> Result<Self, EvalError> {
         let images = read_keypoints(path)?;
         let (attacked, others) = split(images, attacked);
         Ok(Self { data: json_lines::display_name(path), attacked, others, scene: None })

@@ -4,20 +4,19 @@
 //! attacks of `veiloc attack` that this knowledge allows.
 
 mod adversary;
-mod attackers;
 mod document;
+mod gains;
 mod keypoints;
 mod options;
 mod table;
 
-use crate::EvalError;
-pub(crate) use attackers::Attackers;
-pub(crate) use keypoints::AttackedKeypoints;
 use veiloc_features::Progress;
 
-pub use adversary::{Adversary, UnknownAdversary};
-pub use attackers::AttackGain;
-pub use document::{AdversariesDocument, AdversaryRow};
+use crate::EvalError;
+use keypoints::AttackedKeypoints;
+
+pub use adversary::Adversary;
+pub use document::{AdversariesDocument, AdversaryRow, AttackGain};
 pub use options::AdversariesEvaluation;
 pub use table::adversaries_table;
 
@@ -34,26 +33,18 @@ pub fn evaluate_adversaries(
     if let Some(scene) = &evaluation.scene {
         sets.push(AttackedKeypoints::of_scene(scene, evaluation.attacked, progress)?);
     }
-    for file in &evaluation.files {
+    for file in &evaluation.attack.files {
         sets.push(AttackedKeypoints::of_file(file, evaluation.attacked)?);
     }
-    let mut document = AdversariesDocument::new(evaluation);
+    let mut rows: Vec<AdversaryRow> = Vec::new();
     for keypoints in &sets {
-        let attackers = Attackers {
-            keypoints,
-            schemes: &evaluation.schemes,
-            train: &evaluation.train,
-            network: evaluation.network.as_deref(),
-            positions: &evaluation.positions,
-            slow_attacks: evaluation.slow_attacks,
-            k: evaluation.k,
-            seed: evaluation.seed,
-        };
         for &adversary in &evaluation.adversaries {
-            document.add(&keypoints.data, adversary, attackers.gains(adversary, progress)?, evaluation);
+            rows.extend(gains::gains(evaluation, keypoints, adversary, progress)?);
         }
     }
     progress.finish();
-    document.list_missing(evaluation);
-    Ok(document)
+    let has_row = |a: &&Adversary| rows.iter().any(|row| row.adversary == a.name());
+    let missing = evaluation.adversaries.iter().filter(|a| !has_row(a)).copied().collect();
+    let (k, seed) = (evaluation.attack.k, evaluation.attack.seed);
+    Ok(AdversariesDocument { version: 1, command: "eval adversaries", k, seed, missing, rows })
 }

@@ -12,24 +12,18 @@ use image::imageops::{FilterType, resize};
 use serde::Serialize;
 use veiloc_features::Progress;
 
+use super::{Attack, AttackDocument, AttackEvaluation, NeighbourSource, StrongestAttacks, evaluate_attacks};
 use crate::EvalError;
-use crate::attack_evaluation::{
-    AttackDocument, AttackEvaluation, AttackObserver, AttackProgress, AttackTrial, ImageGroup,
-    NeighbourSource, StrongestAttacks, attack_groups,
-};
-
 use crate::results::metrics::median;
 pub use protection::PROTECTION;
-pub use shown_images::{RowErrors, ShownAttack, ShownImage, ShownImages, ShownScheme};
+pub use shown_images::{ShownAttack, ShownImage, ShownImages, ShownScheme};
 
 /// Inputs and options of an audit.
 #[derive(Debug, Clone)]
 pub struct AuditOptions {
-    /// Schemes, attacks and the attacker's knowledge. Its `files` are attacked after [`Self::groups`]; `synthetic` is
-    /// the number of keypoints of the paper's synthetic scene, 0 for none.
+    /// Images, which may be none, schemes, attacks and the attacker's knowledge; `synthetic` is the number of keypoints of
+    /// the paper's synthetic scene, 0 for none.
     pub evaluation: AttackEvaluation,
-    /// Images; may be empty, for the synthetic scene alone.
-    pub groups: Vec<ImageGroup>,
     /// Number of images that are drawn, from the first.
     pub shown: usize,
     /// The command that repeats the run, for the report.
@@ -91,7 +85,7 @@ pub struct Audit {
 /// need more are skipped.
 ///
 /// # Errors
-/// [`EvalError`] as [`attack_groups`], or when an image cannot be read; [`EvalError::Options`] when there is
+/// [`EvalError`] as [`evaluate_attacks`], or when an image cannot be read; [`EvalError::Options`] when there is
 /// nothing to attack.
 pub fn run_audit(
     options: &AuditOptions,
@@ -99,71 +93,60 @@ pub fn run_audit(
     progress: &dyn Progress,
 ) -> Result<Audit, EvalError> {
     let started = Instant::now();
-    let evaluation = &once(&options.evaluation);
-    let with_inputs = !options.groups.is_empty() || !evaluation.files.is_empty();
+    let evaluation = &options.evaluation;
+    let with_inputs = !evaluation.groups.is_empty() || !evaluation.files.is_empty();
     if !with_inputs && evaluation.synthetic == 0 {
         return Err(EvalError::Options(
             "there is nothing to attack: no input, and no synthetic scene".to_owned(),
         ));
     }
-    let mut document = AuditDocument { version: 1, command: "audit", ..AuditDocument::default() };
-    let mut inputs = None;
+    let mut audit = Audit {
+        document: AuditDocument { version: 1, command: "audit", ..AuditDocument::default() },
+        inputs: None,
+        synthetic: None,
+        seconds: 0.0,
+    };
     if with_inputs {
         let on_inputs = AttackEvaluation { synthetic: 0, ..evaluation.clone() };
-        let mut watched = AuditObserver::new(options.shown, progress, "Attacking the inputs");
-        let found = attack_groups(&on_inputs, options.groups.clone(), &mut watched)?;
-        progress.finish();
-        let mut gallery = watched.gallery;
-        for shown in &mut gallery.shown {
+        let (part, mut found) = part(&on_inputs, options.shown, "Attacking the inputs", progress)?;
+        for shown in &mut found.shown {
             let path = file_of(shown.at.0, shown.at.1);
             shown.photograph = path.map(|path| load(&path, shown.size)).transpose()?;
         }
-        document.inputs = Some(part(found, &gallery));
-        inputs = Some(gallery);
+        (audit.document.inputs, audit.inputs) = (Some(part), Some(found));
     }
-    let mut synthetic = None;
     if evaluation.synthetic > 0 {
         let on_scene = AttackEvaluation {
+            groups: Vec::new(),
             files: Vec::new(),
             images: None,
-            attacks: evaluation.attacks.iter().copied().filter(|a| a.needs.one_image()).collect(),
+            attacks: evaluation.attacks.iter().copied().filter(Attack::needs_one_image).collect(),
             neighbours: NeighbourSource::Oracle,
             ..evaluation.clone()
         };
-        let mut watched = AuditObserver::new(1, progress, "Attacking the synthetic scene");
-        let found = attack_groups(&on_scene, Vec::new(), &mut watched)?;
-        progress.finish();
-        document.synthetic = Some(part(found, &watched.gallery));
-        synthetic = Some(watched.gallery);
+        let (part, found) = part(&on_scene, 1, "Attacking the synthetic scene", progress)?;
+        (audit.document.synthetic, audit.synthetic) = (Some(part), Some(found));
     }
-    Ok(Audit { document, inputs, synthetic, seconds: started.elapsed().as_secs_f64() })
+    audit.seconds = started.elapsed().as_secs_f64();
+    Ok(audit)
 }
 
-/// The same without repeated schemes, attacks and shares.
-fn once(evaluation: &AttackEvaluation) -> AttackEvaluation {
-    fn distinct<T: PartialEq + Copy>(all: &[T]) -> Vec<T> {
-        all.iter().enumerate().filter(|(i, x)| !all[..*i].contains(x)).map(|(_, x)| *x).collect()
-    }
-    AttackEvaluation {
-        schemes: distinct(&evaluation.schemes),
-        attacks: distinct(&evaluation.attacks),
-        corrupt: distinct(&evaluation.corrupt),
-        ..evaluation.clone()
-    }
-}
-
-fn part(attacks: AttackDocument, gallery: &ShownImages) -> AuditPart {
-    let relative_offset_error = attacks.attacks.iter().map(|row| {
-        let same =
-            |s: &&RowErrors| s.scheme == row.scheme && s.attack == row.attack && s.corrupt == row.corrupt;
-        gallery.errors.iter().find(same).map_or(f64::NAN, |s| median(&s.relative_offset_error))
-    });
-    AuditPart {
-        relative_offset_error: relative_offset_error.collect(),
-        keypoints: gallery.keypoints,
+/// Runs the attacks, and collects the positions of the first images.
+fn part(
+    evaluation: &AttackEvaluation,
+    shown: usize,
+    stage: &str,
+    progress: &dyn Progress,
+) -> Result<(AuditPart, ShownImages), EvalError> {
+    let mut found = ShownImages::with_limit(shown);
+    let attacks = evaluate_attacks(evaluation, stage, progress, &mut |trial| found.add(trial))?;
+    let part = AuditPart {
+        relative_offset_error: found.offset_errors.iter().map(|errors| median(errors)).collect(),
+        keypoints: found.keypoints,
         strongest: attacks.strongest(),
         attacks,
-    }
+    };
+    Ok((part, found))
 }
 
 /// Tolerance between the aspect ratios of an image and its keypoints: sides are rounded when an image is resized.
@@ -185,62 +168,4 @@ fn load(path: &Path, (width, height): (u32, u32)) -> Result<RgbImage, EvalError>
     }
     let fits = image.dimensions() == (width, height);
     Ok(if fits { image } else { resize(&image, width, height, FilterType::Triangle) })
-}
-
-/// Collects data for drawings, and reports progress.
-struct AuditObserver<'a> {
-    gallery: ShownImages,
-    stage: AttackProgress<'a>,
-}
-
-impl<'a> AuditObserver<'a> {
-    fn new(shown: usize, progress: &'a dyn Progress, stage: &'a str) -> Self {
-        Self { gallery: ShownImages::with_limit(shown), stage: AttackProgress::new(progress, stage) }
-    }
-}
-
-impl AttackObserver for AuditObserver<'_> {
-    fn advance(&mut self, _done: usize, total: usize) {
-        self.stage.advance(total);
-    }
-
-    fn saw(&mut self, trial: &AttackTrial<'_>) {
-        self.gallery.saw(trial);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use veiloc_datasets::problem_files::synthetic_image;
-    use veiloc_protocol::Scheme;
-
-    use super::*;
-    use crate::attack_evaluation::Attack;
-
-    #[test]
-    fn repeated_options_are_deduplicated() {
-        let images = vec![synthetic_image(90, 1), synthetic_image(80, 2)];
-        let once = AuditOptions {
-            evaluation: AttackEvaluation {
-                schemes: vec![Scheme::RandomLines, Scheme::default()],
-                corrupt: vec![0.0, 30.0],
-                ..AttackEvaluation::default()
-            },
-            groups: vec![ImageGroup { name: "two".to_owned(), images }],
-            shown: 1,
-            command: String::new(),
-        };
-        let mut twice = once.clone();
-        twice.evaluation.schemes.extend(once.evaluation.schemes.clone());
-        twice.evaluation.attacks.push(Attack::CLOSED_FORM);
-        twice.evaluation.corrupt.push(0.0);
-        let rows = |options: &AuditOptions| {
-            let part =
-                run_audit(options, &|_, _| None, &()).expect("it runs").document.inputs.expect("inputs");
-            let errors: Vec<f64> = part.attacks.attacks.iter().map(|row| row.mean_px).collect();
-            (part.keypoints, errors, part.relative_offset_error)
-        };
-        assert_eq!(rows(&twice), rows(&once));
-        assert_eq!(rows(&once).0, 170);
-    }
 }

@@ -5,38 +5,22 @@ use veiloc_attacks::{NeighbourLists, Observation};
 use veiloc_geometry::Pixel;
 use veiloc_protocol::{Observations, Scheme};
 
-use crate::attack_evaluation::{Attack, AttackObserver, AttackTrial};
+use crate::attack_evaluation::{Attack, AttackTrial};
 
 /// Errors of all keypoints, and the recovered positions of the first images.
 #[derive(Debug, Clone, Default)]
 pub struct ShownImages {
     /// Maximum number of images with positions.
     pub max_shown: usize,
-    /// Errors of each row of the document, in its order.
-    pub errors: Vec<RowErrors>,
+    /// For each row of the document, in its order, the relative error of the offsets to neighbouring keypoints
+    /// ([`relative_offset_error`]); unsorted.
+    pub offset_errors: Vec<Vec<f64>>,
     /// The images with positions.
     pub shown: Vec<ShownImage>,
     /// Number of keypoints of all images.
     pub keypoints: usize,
-    /// Group and index of the current image.
-    at: Option<(usize, usize)>,
-    /// Its true neighbours.
+    /// True neighbours of the current image.
     near: Option<NeighbourLists>,
-    last: Option<(Scheme, Attack, f64)>,
-    first: Option<(Scheme, Attack, f64)>,
-}
-
-/// Errors of one attack on one scheme, all images.
-#[derive(Debug, Clone)]
-pub struct RowErrors {
-    /// Obfuscation scheme.
-    pub scheme: String,
-    /// Attack.
-    pub attack: Attack,
-    /// Percent of the neighbours that were replaced at random.
-    pub corrupt: f64,
-    /// Relative error of the offsets to neighbouring keypoints, as [`relative_offset_error`]; unsorted.
-    pub relative_offset_error: Vec<f64>,
 }
 
 /// One image with its recovered positions.
@@ -82,76 +66,64 @@ pub struct ShownAttack {
 }
 
 impl ShownImages {
-    /// Collects the positions of the first images.
+    /// Collects the positions of this many images.
     pub fn with_limit(max_shown: usize) -> Self {
         Self { max_shown, ..Self::default() }
     }
 
-    fn begin(&mut self, trial: &AttackTrial<'_>) {
-        let index = match self.at {
-            Some((group, index)) if group == trial.group => index + 1,
-            _ => 0,
-        };
-        self.at = Some((trial.group, index));
-        self.keypoints += trial.image.keypoints.len();
-        self.near = Some(NeighbourLists::nearest(&trial.image.keypoints, OFFSET_NEIGHBOURS));
-        if self.shown.len() < self.max_shown {
-            self.shown.push(ShownImage {
-                at: (trial.group, index),
-                name: trial.image.name.clone(),
-                size: (trial.image.width, trial.image.height),
-                truth: trial.image.keypoints.clone(),
-                schemes: Vec::new(),
-                photograph: None,
-            });
+    /// Adds an attack on an image, in the order of the evaluation.
+    pub fn add(&mut self, trial: &AttackTrial<'_>) {
+        let truth = &trial.image.keypoints;
+        // Each image begins with the first row.
+        if trial.row == 0 {
+            self.keypoints += truth.len();
+            self.near = None;
+            if self.shown.len() < self.max_shown {
+                self.shown.push(ShownImage::new(trial));
+            }
+        }
+        if let Some(shown) = self.shown.last_mut().filter(|shown| shown.at == trial.at) {
+            shown.add(trial);
+        }
+        let near = self.near.get_or_insert_with(|| NeighbourLists::nearest(truth, OFFSET_NEIGHBOURS));
+        let errors = relative_offset_error(truth, trial.answers, near);
+        if self.offset_errors.len() <= trial.row {
+            self.offset_errors.resize(trial.row + 1, Vec::new());
+        }
+        self.offset_errors[trial.row].extend(errors);
+    }
+}
+
+impl ShownImage {
+    fn new(trial: &AttackTrial<'_>) -> Self {
+        Self {
+            at: trial.at,
+            name: trial.image.name.clone(),
+            size: (trial.image.width, trial.image.height),
+            truth: trial.image.keypoints.clone(),
+            schemes: Vec::new(),
+            photograph: None,
         }
     }
 
-    fn keep(&mut self, trial: &AttackTrial<'_>) {
-        let Some(shown) = self.shown.last_mut().filter(|shown| Some(shown.at) == self.at) else { return };
-        if shown.schemes.last().is_none_or(|s| s.scheme != trial.scheme) {
-            shown.schemes.push(ShownScheme {
-                scheme: trial.scheme,
-                sent: trial.sent.clone(),
-                crossings: crossing_spread(trial.observations, trial.neighbours),
+    fn add(&mut self, trial: &AttackTrial<'_>) {
+        let context = trial.context;
+        if self.schemes.last().is_none_or(|s| s.scheme != context.scheme()) {
+            let crossings = context.neighbours().map(|near| crossing_spread(context.observations(), &near));
+            self.schemes.push(ShownScheme {
+                scheme: context.scheme(),
+                sent: context.sent().clone(),
+                // Without neighbours nothing intersects.
+                crossings: crossings.unwrap_or_default(),
                 attacks: Vec::new(),
             });
         }
-        let Some(scheme) = shown.schemes.last_mut() else { return };
+        let Some(scheme) = self.schemes.last_mut() else { return };
         if scheme.attacks.iter().all(|a| a.attack != trial.attack) {
             scheme.attacks.push(ShownAttack {
                 attack: trial.attack,
                 answers: trial.answers.to_vec(),
                 errors: trial.errors.to_vec(),
-            });
-        }
-    }
-}
-
-impl AttackObserver for ShownImages {
-    fn saw(&mut self, trial: &AttackTrial<'_>) {
-        // Rows come in the same order for every image: when the first row repeats, the next image begins.
-        let row = (trial.scheme, trial.attack, trial.corrupt);
-        if self.last.is_none() || self.first == Some(row) {
-            self.begin(trial);
-        }
-        self.first.get_or_insert(row);
-        self.last = Some(row);
-        self.keep(trial);
-        let (scheme, attack) = (trial.scheme.to_string(), trial.attack);
-        let same =
-            |s: &&mut RowErrors| s.scheme == scheme && s.attack == attack && s.corrupt == trial.corrupt;
-        let bent =
-            self.near.as_ref().map(|near| relative_offset_error(&trial.image.keypoints, trial.answers, near));
-        let bent = bent.unwrap_or_default();
-        if let Some(row) = self.errors.iter_mut().find(same) {
-            row.relative_offset_error.extend_from_slice(&bent);
-        } else {
-            self.errors.push(RowErrors {
-                scheme,
-                attack,
-                corrupt: trial.corrupt,
-                relative_offset_error: bent,
             });
         }
     }

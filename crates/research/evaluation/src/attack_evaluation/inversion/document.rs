@@ -4,8 +4,7 @@ use crate::results::text_table::TextTable;
 use serde::Serialize;
 use veiloc_attacks::learned::inversion::InversionNetwork;
 
-use super::image_metrics::{Class, ReconstructionScores};
-use super::visibility::VisibilityScores;
+use super::image_metrics::Class;
 
 /// Images that a network reconstructs from descriptors and positions, compared with the originals.
 #[derive(Debug, Clone, Serialize)]
@@ -159,72 +158,6 @@ pub struct SummaryRow {
     /// than a wrong one, 0.5 by chance; `null` if the network has no such output, or all keypoints are right or
     /// wrong.
     pub roc_auc: Option<f64>,
-}
-
-/// One input of the network: its name in rows, and position errors by image, `[images][N]`.
-pub(super) struct Column {
-    pub(super) scheme: String,
-    pub(super) attack: &'static str,
-    pub(super) by: Option<String>,
-    pub(super) errors: Option<Vec<Vec<f64>>>,
-}
-
-impl Column {
-    /// Mean error of an image.
-    fn mean_px(&self, image: usize) -> Option<f64> {
-        let errors = self.errors.as_ref()?.get(image)?;
-        Some(errors.iter().sum::<f64>() / errors.len().max(1) as f64)
-    }
-
-    /// The row of an image.
-    pub(super) fn row(
-        &self,
-        (image, name): (usize, &str),
-        scores: &ReconstructionScores,
-    ) -> ReconstructionRow {
-        ReconstructionRow {
-            image: name.to_owned(),
-            scheme: self.scheme.clone(),
-            attack: self.attack,
-            psnr: scores.psnr,
-            ssim: scores.ssim,
-            st_lpips: scores.st_lpips,
-            top_1: scores.recognised.map(|[first, _]| first),
-            top_5: scores.recognised.map(|[_, five]| five),
-            objects: scores.objects,
-            objects_found: scores.objects_found,
-            mean_px: self.mean_px(image),
-        }
-    }
-
-    /// Means over its rows.
-    pub(super) fn summary(&self, rows: &[ReconstructionRow], scores: &VisibilityScores) -> SummaryRow {
-        let mean = |of: &dyn Fn(&ReconstructionRow) -> f64| {
-            rows.iter().map(of).sum::<f64>() / rows.len().max(1) as f64
-        };
-        let maybe = |of: fn(&ReconstructionRow) -> Option<f64>| {
-            let values: Option<Vec<f64>> = rows.iter().map(of).collect();
-            values.filter(|v| !v.is_empty()).map(|v| v.iter().sum::<f64>() / v.len() as f64)
-        };
-        let sum = |of: fn(&ReconstructionRow) -> Option<usize>| rows.iter().map(of).sum::<Option<usize>>();
-        let mut all: Vec<f64> = self.errors.iter().flatten().flatten().copied().collect();
-        all.sort_by(f64::total_cmp);
-        SummaryRow {
-            scheme: self.scheme.clone(),
-            attack: self.attack,
-            best_attack: self.by.clone(),
-            mean_px: maybe(|row| row.mean_px),
-            median_px: all.get(all.len() / 2).copied(),
-            psnr: mean(&|row| row.psnr),
-            ssim: mean(&|row| row.ssim),
-            st_lpips: maybe(|row| row.st_lpips),
-            top_1: sum(|row| row.top_1.map(usize::from)),
-            top_5: sum(|row| row.top_5.map(usize::from)),
-            objects: sum(|row| row.objects),
-            objects_found: sum(|row| row.objects_found),
-            roc_auc: scores.roc_auc(),
-        }
-    }
 }
 
 /// The means as a text table.

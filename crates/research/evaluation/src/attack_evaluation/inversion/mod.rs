@@ -3,7 +3,7 @@
 //! original.
 //!
 //! The inputs of the network are those of the paper (true keypoints, and the closed form with true neighbours) and:
-//! - the graph attack with true neighbours, and the best attack without an oracle ([`RealisticAttackOptions`]);
+//! - the graph attack with true neighbours, and the best attack without an oracle ([`InversionEvaluation`]);
 //! - the prior-only baseline, and the line itself, with each descriptor spread over it;
 //! - descriptors without positions, and no descriptors at all: the network's output without input. A score shows a
 //!   leak only by comparison with this output.
@@ -11,6 +11,7 @@
 //! The network is trained in PyTorch (`research/train`) on images of scenes that are not evaluated:
 //! `docs/results/privacy.md`.
 
+mod column;
 mod contact_sheet;
 mod document;
 mod image_metrics;
@@ -24,7 +25,6 @@ pub use document::{
     ClassesRow, InversionDocument, NetworkRow, ReconstructionRow, SummaryRow, evaluation_table,
 };
 pub use image_metrics::{ImageMetrics, ReconstructionScores};
-pub use recovered::RealisticAttackOptions;
 pub use run::{InversionEvaluation, evaluate_inversion};
 
 pub use veiloc_attacks::image_metrics::{Classifier, PerceptualDistance};

@@ -1,29 +1,19 @@
 //! Recovered keypoint positions from the attacks.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
-use crate::EvalError;
-use crate::attack_evaluation::{
-    Attack, AttackDocument, AttackEvaluation, AttackObserver, AttackTrial, ImageGroup, NeighbourSource,
-    attack_groups,
-};
 use veiloc_attacks::Observation;
 use veiloc_datasets::problem_files::KeypointImage;
 use veiloc_features::Progress;
 use veiloc_geometry::Pixel;
-use veiloc_protocol::Scheme;
 
-/// Resources of attackers without an oracle.
-#[derive(Debug, Clone, Default)]
-pub struct RealisticAttackOptions {
-    /// Keypoint files of other scenes: training data of the statistic of descriptor co-occurrence.
-    pub train: Vec<PathBuf>,
-    /// Descriptions of position networks, at most one per scheme.
-    pub positions: Vec<PathBuf>,
-    /// Images of the scene with keypoints, as a server has them in its map.
-    pub map: Vec<KeypointImage>,
-}
+use super::super::strongest::strongest;
+use super::super::{
+    Attack, AttackDocument, AttackEvaluation, AttackTrial, ImageGroup, NeighbourSource, evaluate_attacks,
+};
+use super::column::{Column, Input};
+use super::run::InversionEvaluation;
+use crate::EvalError;
 
 /// Attacks with true neighbours from the oracle; the prior-only baseline is always added.
 const WITH_ORACLE: [&str; 2] = ["closed-form", "graph"];
@@ -31,18 +21,6 @@ const WITH_ORACLE: [&str; 2] = ["closed-form", "graph"];
 const WITH_STATISTIC: [&str; 2] = ["learned-prior", "closed-form-consensus"];
 const WITH_NETWORK: [&str; 1] = ["trained-positions"];
 const WITH_MAP: [&str; 1] = ["transfer"];
-
-/// Results of an attack on each image under one scheme.
-#[derive(Debug, Clone)]
-pub(super) struct RecoveredImages {
-    pub(super) scheme: Scheme,
-    /// `prior`, `closed-form`, `graph` or `realistic`.
-    pub(super) attack: &'static str,
-    /// Name of the best realistic attack.
-    pub(super) by: Option<String>,
-    /// By image.
-    pub(super) images: Vec<RecoveredImage>,
-}
 
 /// Results for one image, `[N]` each.
 #[derive(Debug, Clone, Default)]
@@ -55,98 +33,106 @@ pub(super) struct RecoveredImage {
     pub(super) errors: Vec<f64>,
 }
 
-/// Records every answer and reports progress.
-struct AnswerRecorder<'a> {
+impl RecoveredImage {
+    /// The true keypoints.
+    pub(super) fn exact(image: &KeypointImage) -> Self {
+        let errors = vec![0.0; image.keypoints.len()];
+        Self { positions: image.keypoints.clone(), sent: Vec::new(), errors }
+    }
+}
+
+/// The attacks of one attacker: their gains, and their answers by scheme and attack.
+struct Attacked {
+    document: AttackDocument,
     answers: BTreeMap<(String, &'static str), Vec<RecoveredImage>>,
-    progress: &'a dyn Progress,
 }
 
-impl AttackObserver for AnswerRecorder<'_> {
-    fn advance(&mut self, _done: usize, _total: usize) {
-        self.progress.advance(1);
+impl Attacked {
+    fn run(
+        stage: &str,
+        names: &[&str],
+        evaluation: AttackEvaluation,
+        progress: &dyn Progress,
+    ) -> Result<Self, EvalError> {
+        let attacks = names.iter().filter_map(|name| name.parse().ok()).collect();
+        let mut answers: BTreeMap<_, Vec<RecoveredImage>> = BTreeMap::new();
+        let mut record = |trial: &AttackTrial<'_>| {
+            let key = (trial.context.scheme().to_string(), trial.attack.name);
+            answers.entry(key).or_default().push(RecoveredImage {
+                positions: trial.answers.to_vec(),
+                sent: trial.context.observations().to_vec(),
+                errors: trial.errors.to_vec(),
+            });
+        };
+        let evaluation = AttackEvaluation { attacks, ..evaluation };
+        let document = evaluate_attacks(&evaluation, stage, progress, &mut record)?;
+        Ok(Self { document, answers })
     }
 
-    fn saw(&mut self, trial: &AttackTrial<'_>) {
-        self.answers.entry((trial.scheme.to_string(), trial.attack.name)).or_default().push(RecoveredImage {
-            positions: trial.answers.to_vec(),
-            sent: trial.observations.to_vec(),
-            errors: trial.errors.to_vec(),
-        });
+    /// The answers of an attack on each image; `None` if it does not apply to the scheme.
+    fn recovered(&self, scheme: &str, attack: &'static str) -> Option<Vec<RecoveredImage>> {
+        self.answers.get(&(scheme.to_owned(), attack)).cloned()
     }
 }
 
-/// Attacks these images under all schemes that hide positions. By scheme: the prior-only baseline, the attacks with
-/// true neighbours, the best realistic attack.
-pub(super) fn attack(
+/// The inputs of the network, in the order of the table. Of a scheme that hides positions: the prior-only baseline, the
+/// attacks with true neighbours, the best realistic attack, the lines.
+pub(super) fn columns(
+    inversion: &InversionEvaluation<'_>,
     images: &[KeypointImage],
-    schemes: &[Scheme],
-    realistic: &RealisticAttackOptions,
-    (k, seed): (usize, u64),
     progress: &dyn Progress,
-) -> Result<Vec<RecoveredImages>, EvalError> {
-    let schemes: Vec<Scheme> = schemes.iter().copied().filter(|scheme| scheme.hides_positions()).collect();
-    if schemes.is_empty() {
-        return Ok(Vec::new());
-    }
-    let run = |stage: &str, names: &[&str], neighbours, positions: &[PathBuf], map: &[KeypointImage]| {
-        let attacks: Vec<Attack> = names.iter().filter_map(|name| name.parse().ok()).collect();
-        progress.start(stage, images.len() * schemes.len() * (attacks.len() + 1));
-        let evaluation = AttackEvaluation {
-            images: Some(images.len()),
-            schemes: schemes.clone(),
-            attacks,
-            neighbours,
-            positions: positions.to_vec(),
-            k,
-            seed,
-            ..AttackEvaluation::default()
-        };
-        let all = images.iter().chain(map).cloned().collect();
-        let mut recorder = AnswerRecorder { answers: BTreeMap::new(), progress };
-        let groups = vec![ImageGroup { name: "images".to_owned(), images: all }];
-        let document = attack_groups(&evaluation, groups, &mut recorder)?;
-        progress.finish();
-        Ok::<_, EvalError>((document, recorder.answers))
+) -> Result<Vec<Column>, EvalError> {
+    let group = |map: &[KeypointImage]| {
+        vec![ImageGroup { name: "images".to_owned(), images: [images, map].concat() }]
     };
-
-    let mut runs =
-        vec![run("Attacking with true neighbours", &WITH_ORACLE, NeighbourSource::Oracle, &[], &[])?];
-    if !realistic.train.is_empty() {
-        let learned = NeighbourSource::Predicted { train: realistic.train.clone() };
-        runs.push(run("Attacking with a statistic", &WITH_STATISTIC, learned, &[], &[])?);
+    let with_oracle = AttackEvaluation {
+        groups: group(&[]),
+        images: Some(images.len()),
+        positions: Vec::new(),
+        ..inversion.attack.clone()
+    };
+    let of = |stage, names: &[&str], evaluation| Attacked::run(stage, names, evaluation, progress);
+    let mut without_oracle = Vec::new();
+    if !inversion.train.is_empty() {
+        let neighbours = NeighbourSource::Predicted { train: inversion.train.clone() };
+        let evaluation = AttackEvaluation { neighbours, ..with_oracle.clone() };
+        without_oracle.push(of("Attacking with a statistic", &WITH_STATISTIC, evaluation)?);
     }
-    if !realistic.positions.is_empty() {
-        let (oracle, files) = (NeighbourSource::Oracle, &realistic.positions);
-        runs.push(run("Attacking with a network", &WITH_NETWORK, oracle, files, &[])?);
+    if !inversion.attack.positions.is_empty() {
+        let evaluation =
+            AttackEvaluation { positions: inversion.attack.positions.clone(), ..with_oracle.clone() };
+        without_oracle.push(of("Attacking with a network", &WITH_NETWORK, evaluation)?);
     }
-    if !realistic.map.is_empty() {
-        let map = &realistic.map;
-        runs.push(run("Attacking with a map", &WITH_MAP, NeighbourSource::Transferred, &[], map)?);
+    if !inversion.map.is_empty() {
+        let (groups, neighbours) = (group(&inversion.map), NeighbourSource::Transferred);
+        let evaluation = AttackEvaluation { groups, neighbours, ..with_oracle.clone() };
+        without_oracle.push(of("Attacking with a map", &WITH_MAP, evaluation)?);
     }
-    let mut attacked = Vec::new();
-    for scheme in schemes {
+    let with_oracle = of("Attacking with true neighbours", &WITH_ORACLE, with_oracle)?;
+    let mut columns = Vec::new();
+    for scheme in &inversion.attack.schemes {
         let name = scheme.to_string();
-        let answers = |(_, all): &(AttackDocument, BTreeMap<(String, &'static str), Vec<RecoveredImage>>),
-                       attack| {
-            all.get(&(name.clone(), attack)).cloned().unwrap_or_default()
+        let mut push = |attack, by, images: Option<Vec<RecoveredImage>>, input: fn(_) -> Input| {
+            columns.extend(images.map(|images| Column::new(&name, attack, by, input(images))));
         };
-        let mut push = |attack, by, images: Vec<RecoveredImage>| {
-            if !images.is_empty() {
-                attacked.push(RecoveredImages { scheme, attack, by, images });
-            }
-        };
-        push("prior", None, answers(&runs[0], Attack::PRIOR.name));
-        for attack in WITH_ORACLE {
-            push(attack, None, answers(&runs[0], attack));
+        let exact = || images.iter().map(RecoveredImage::exact).collect();
+        push("none", None, (!scheme.hides_positions()).then(exact), Input::Positions);
+        for attack in [Attack::PRIOR.name].into_iter().chain(WITH_ORACLE) {
+            push(attack, None, with_oracle.recovered(&name, attack), Input::Positions);
         }
-        let tried = runs[1..].iter().flat_map(|run| {
-            let of_scheme = run.0.attacks.iter().filter(|row| row.scheme == name);
-            of_scheme.filter(|row| row.attack != Attack::PRIOR).map(move |row| (row, run))
-        });
-        let best = tried.max_by(|a, b| a.0.bits_over_prior.total_cmp(&b.0.bits_over_prior));
-        if let Some((row, run)) = best {
-            push("realistic", Some(row.attack.to_string()), answers(run, row.attack.name));
+        if let Some((best, images)) = best_attack(&without_oracle, &name) {
+            push("realistic", Some(best.to_string()), Some(images), Input::Positions);
         }
+        push("lines", None, with_oracle.recovered(&name, Attack::PRIOR.name), Input::Lines);
     }
-    Ok(attacked)
+    columns.push(Column::new("bag", "none", None, Input::Unordered));
+    columns.push(Column::new("nothing", "none", None, Input::Nothing));
+    Ok(columns)
+}
+
+/// The best attack on a scheme, with its answers.
+fn best_attack(attackers: &[Attacked], scheme: &str) -> Option<(Attack, Vec<RecoveredImage>)> {
+    let tried = attackers.iter().flat_map(|one| &one.document.attacks);
+    let best = strongest(tried.filter(|row| row.scheme == scheme && row.attack != Attack::PRIOR))?.attack;
+    Some((best, attackers.iter().find_map(|one| one.recovered(scheme, best.name))?))
 }

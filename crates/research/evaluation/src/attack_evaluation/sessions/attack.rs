@@ -1,6 +1,5 @@
 //! Attack on one image of a session: number of frames and attacked keypoints.
 
-use crate::EvalError;
 use rayon::prelude::*;
 use veiloc_attacks::multi_view::{
     Frame, FramesOptions, RestingOptions, TriangulatedKeypoint, multi_view_attack_matched, resting_camera,
@@ -12,15 +11,18 @@ use veiloc_geometry::Pixel;
 use veiloc_obfuscation::SessionAnchors;
 use veiloc_protocol::AngleBits;
 
-use super::SessionsEvaluation;
+use super::super::inliers::depth_limits;
+use super::Sessions;
+use super::document::SessionRow;
 use super::localized_frame::{LocalizedFrame, TrustedFrame};
 use super::motion::Motion;
+use crate::EvalError;
 
 /// The attacked keypoints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
-pub(super) enum AttackedKeypoints {
+pub enum AttackedKeypoints {
     /// Keypoints of a person-like region that is missing from the map; the server knows the other keypoints that it
     /// matched.
     Private,
@@ -36,7 +38,7 @@ impl AttackedKeypoints {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
-pub(super) enum Method {
+pub enum Method {
     /// Lines of several poses, integrated over depth.
     SeveralFrames,
     /// The scatter of the angles at one pose.
@@ -53,53 +55,66 @@ impl Method {
     }
 }
 
-/// Result of an attack: errors of the attacked keypoints and of the baseline, pixels.
-#[derive(Default)]
-pub(super) struct AttackErrors {
-    pub(super) errors: Vec<f64>,
-    /// Errors of the best answer for bits.
-    pub(super) prior: Vec<f64>,
-    /// Errors of the best answer for errors in pixels.
-    pub(super) prior_for_pixels: Vec<f64>,
-    pub(super) size: (u32, u32),
-}
-
-/// Factors by which the depth limits extend the depths of the matched points.
-const NEARER: f64 = 0.5;
-const FARTHER: f64 = 2.0;
 /// Ratio test for matches between two frames.
 const RATIO: f32 = 0.9;
 
-/// Attacks frame `own` with frames of `others`, in the order of [`super::SessionRow::of`]: by measure, method and
-/// number of frames. Empty if the server does not trust the pose of `own`.
-pub(super) fn attack(
-    evaluation: &SessionsEvaluation,
-    (anchors, motion): (SessionAnchors, Motion),
-    localized: &[LocalizedFrame],
-    own: usize,
-    others: &[usize],
-) -> Result<Vec<AttackErrors>, EvalError> {
-    let methods =
-        || AttackedKeypoints::ALL.into_iter().flat_map(|m| Method::of(motion).iter().map(move |by| (m, *by)));
-    let Some(posed) = &localized[own].posed else {
-        return Ok(methods()
-            .flat_map(|_| evaluation.frames.iter().map(|_| AttackErrors::default()))
-            .collect());
-    };
-    let others: Vec<Other<'_>> = others
-        .par_iter()
-        .filter_map(|i| localized[*i].posed.as_ref())
-        .map(|other| Other { posed: other, matches: matches(posed, other) })
-        .collect();
-    let name = &localized[own].result.name;
-    let codes = codes(anchors, evaluation);
-    let mut all = Vec::new();
-    for (measured, method) in methods() {
-        let target = Target::new(posed, measured);
-        let of_each = target.attack_errors(&others, motion, method, &codes, &evaluation.frames);
-        all.extend(of_each.map_err(|e| EvalError::DataSet(format!("{name}: {e}")))?);
+impl Sessions<'_> {
+    /// Attacks an image with frames of this motion, and adds the errors to these rows; an image whose pose the server
+    /// does not trust adds nothing. `index`: of the attacked images.
+    pub(super) fn attack(
+        &self,
+        motion: Motion,
+        index: usize,
+        rows: &mut [SessionRow],
+    ) -> Result<(), EvalError> {
+        let recording = self.recording;
+        let own = recording.attacked[index];
+        let still;
+        let (frames, own, others): (&[LocalizedFrame], usize, Vec<usize>) = match motion {
+            Motion::Turning | Motion::Walking => (&self.frames, own, recording.others(own, motion)),
+            Motion::Visiting => (&self.visits, own, recording.others(own, motion)),
+            Motion::Resting => {
+                let shown = &recording.resting[index];
+                let sealed = recording.seal(shown, &self.condition).frames;
+                still = recording.localize(&sealed, shown, self.condition.scheme);
+                (&still, 0, (1..still.len()).collect())
+            }
+        };
+        let Some(posed) = &frames[own].posed else { return Ok(()) };
+        let others: Vec<Other<'_>> = others
+            .par_iter()
+            .filter_map(|i| frames[*i].posed.as_ref())
+            .map(|other| Other { posed: other, matches: matches(posed, other) })
+            .collect();
+        let name = &frames[own].result.name;
+        let attacked = self.attack_frame(motion, posed, &others, rows);
+        attacked.map_err(|e| EvalError::DataSet(format!("{name}: {e}")))
     }
-    Ok(all)
+
+    fn attack_frame(
+        &self,
+        motion: Motion,
+        posed: &TrustedFrame,
+        others: &[Other<'_>],
+        rows: &mut [SessionRow],
+    ) -> Result<(), AttackError> {
+        let evaluation = self.recording.evaluation;
+        let codes = codes(self.condition.anchors, evaluation.session.step);
+        for rows in rows.chunk_by_mut(|a, b| a.target == b.target) {
+            let target = Target::new(posed, rows[0].target);
+            let chosen = target.chosen(others, motion, evaluation.longest() - 1)?;
+            for row in rows {
+                let chosen = &chosen[..chosen.len().min(row.frames - 1)];
+                let found = match row.method {
+                    _ if chosen.is_empty() => None,
+                    Method::SeveralFrames => Some(target.by_planes(chosen)?),
+                    Method::RestingCamera => Some(target.by_scatter(chosen, &codes)?),
+                };
+                target.add_errors(found.as_deref(), row);
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Another frame, and its rows that show the keypoints of the attacked frame: `[N]`.
@@ -124,13 +139,16 @@ struct Target<'a> {
     observations: Vec<Observation>,
     attacked: Vec<bool>,
     options: FramesOptions,
+    /// The best answers without an attack, for bits and for errors in pixels.
+    prior: Vec<Pixel>,
+    prior_for_pixels: Vec<Pixel>,
 }
 
 impl<'a> Target<'a> {
     fn new(posed: &'a TrustedFrame, measured: AttackedKeypoints) -> Self {
         let known_to_server =
             |i: usize| posed.known[i].filter(|_| measured == AttackedKeypoints::Private && !posed.private[i]);
-        let observations = (0..posed.lines.len())
+        let observations: Vec<Observation> = (0..posed.lines.len())
             .map(|i| known_to_server(i).map_or(posed.lines[i], |(pixel, _)| Observation::Known(pixel)))
             .collect();
         let attacked = match measured {
@@ -139,12 +157,14 @@ impl<'a> Target<'a> {
                 (0..posed.lines.len()).map(|i| posed.known[i].is_some() && posed.truth[i].is_some()).collect()
             }
         };
-        let depths = || posed.known.iter().flatten().map(|k| k.1);
-        let (least, most) = depths().fold((f64::INFINITY, 0.0_f64), |(a, b), z| (a.min(z), b.max(z)));
+        let depths = depth_limits(posed.known.iter().flatten().map(|k| k.1));
         let known_points: Vec<(Pixel, f64)> = (0..posed.lines.len()).filter_map(known_to_server).collect();
-        let options = FramesOptions::with_depths([NEARER * least, FARTHER * most]);
+        let options = FramesOptions::with_depths(depths.unwrap_or([f64::INFINITY, 0.0]));
+        let (width, height) = (posed.camera.width, posed.camera.height);
         Self {
             posed,
+            prior: prior_only(&observations, width, height),
+            prior_for_pixels: prior_median(&observations, width, height),
             observations,
             options: options.with_known_points(known_points).for_keypoints(attacked.clone()),
             attacked,
@@ -159,52 +179,32 @@ impl<'a> Target<'a> {
         Frame { observations: &self.observations, ..self.posed.frame() }
     }
 
-    /// Attacks with the number of frames of each row.
-    fn attack_errors(
+    /// At most `count` other frames, in the order of their use.
+    fn chosen<'o>(
         &self,
-        others: &[Other<'_>],
+        others: &'o [Other<'o>],
         motion: Motion,
-        method: Method,
-        codes: &RestingOptions,
-        counts: &[usize],
-    ) -> Result<Vec<AttackErrors>, AttackError> {
-        let longest = counts.iter().copied().max().unwrap_or(2);
+        count: usize,
+    ) -> Result<Vec<&'o Other<'o>>, AttackError> {
+        if matches!(motion, Motion::Walking | Motion::Resting) {
+            return Ok(others.iter().collect());
+        }
         let frames: Vec<Frame<'_>> = others.iter().map(|o| o.posed.frame()).collect();
         let matches: Vec<&[Option<usize>]> = others.iter().map(|o| o.matches.as_slice()).collect();
-        let chosen: Vec<usize> = match motion {
-            Motion::Turning | Motion::Visiting => {
-                select_frames_matched(&self.frame(), &frames, &matches, longest - 1, &self.options)?
-            }
-            Motion::Walking | Motion::Resting => (0..others.len()).collect(),
-        };
-        let (width, height) = self.size();
-        let prior = prior_only(&self.observations, width, height);
-        let for_pixels = prior_median(&self.observations, width, height);
-        counts
-            .iter()
-            .map(|count| {
-                let chosen: Vec<&Other<'_>> = chosen.iter().take(count - 1).map(|i| &others[*i]).collect();
-                let found = match method {
-                    _ if chosen.is_empty() => None,
-                    Method::SeveralFrames => Some(self.by_planes(&chosen)?),
-                    Method::RestingCamera => Some(self.by_scatter(&chosen, codes)?),
-                };
-                let answer = |i: usize| {
-                    found.as_ref().and_then(|f: &Vec<TriangulatedKeypoint>| f[i].pixel).unwrap_or(prior[i])
-                };
-                let evaluated: Vec<(usize, Pixel)> = (0..self.attacked.len())
-                    .filter(|i| self.attacked[*i])
-                    .filter_map(|i| Some((i, self.posed.truth[i]?)))
-                    .collect();
-                let truth: Vec<Pixel> = evaluated.iter().map(|j| j.1).collect();
-                Ok(AttackErrors {
-                    errors: errors_px(evaluated.iter().map(|j| answer(j.0)), &truth),
-                    prior: errors_px(evaluated.iter().map(|j| prior[j.0]), &truth),
-                    prior_for_pixels: errors_px(evaluated.iter().map(|j| for_pixels[j.0]), &truth),
-                    size: (width, height),
-                })
-            })
-            .collect()
+        let chosen = select_frames_matched(&self.frame(), &frames, &matches, count, &self.options)?;
+        Ok(chosen.into_iter().map(|i| &others[i]).collect())
+    }
+
+    /// Adds the errors on the attacked keypoints; without an answer that of the baseline.
+    fn add_errors(&self, found: Option<&[TriangulatedKeypoint]>, row: &mut SessionRow) {
+        let attacked = (0..self.attacked.len()).filter(|i| self.attacked[*i]);
+        let (rows, truth): (Vec<usize>, Vec<Pixel>) =
+            attacked.filter_map(|i| Some((i, self.posed.truth[i]?))).unzip();
+        let answer = |i: &usize| found.and_then(|found| found[*i].pixel).unwrap_or(self.prior[*i]);
+        let errors = errors_px(rows.iter().map(answer), &truth);
+        let [bits, pixels] = [&self.prior, &self.prior_for_pixels]
+            .map(|prior| errors_px(rows.iter().map(|i| prior[*i]), &truth));
+        row.add(&errors, [&bits, &pixels], self.size());
     }
 
     fn by_planes(&self, chosen: &[&Other<'_>]) -> Result<Vec<TriangulatedKeypoint>, AttackError> {
@@ -239,8 +239,7 @@ impl TrustedFrame {
 
 /// The attacker's model of the angle codes of a stationary camera: codes of anchors in the world are cells of the
 /// session's grid, other codes are dithered.
-fn codes(anchors: SessionAnchors, evaluation: &SessionsEvaluation) -> RestingOptions {
-    let step = evaluation.session.step;
+fn codes(anchors: SessionAnchors, step: f64) -> RestingOptions {
     let options = if anchors != SessionAnchors::Image && step > 0.0 {
         RestingOptions::of_one_image(step).without_dither()
     } else {

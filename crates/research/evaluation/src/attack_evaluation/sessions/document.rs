@@ -1,16 +1,15 @@
 //! The JSON document of `veiloc eval sessions`.
 
+use serde::Serialize;
+use veiloc_attacks::ErrorSummary;
+
+use super::super::rows::ErrorTally;
+use super::attack::{AttackedKeypoints, Method};
+use super::device::SealedSession;
+use super::motion::Motion;
+use super::{Condition, SessionsEvaluation};
 use crate::results::metrics::{finite, median};
 use crate::results::{MapSummary, SchemeSummary};
-use serde::Serialize;
-use veiloc_attacks::{ErrorSummary, bits_over_prior};
-use veiloc_obfuscation::SessionAnchors;
-use veiloc_protocol::Scheme;
-
-use super::SessionsEvaluation;
-use super::attack::{AttackErrors, AttackedKeypoints, Method};
-use super::device::{Gyroscope, Sealed};
-use super::motion::Motion;
 
 /// Poses of single frames, and leakage of several frames of a session.
 #[derive(Debug, Clone, Serialize)]
@@ -63,12 +62,9 @@ impl SessionsDocument {
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct FramesFigures {
-    /// Reference of the anchors: `image`, `world` or `gravity`.
-    pub anchors: String,
-    /// Standard deviation of each orientation's error about each axis, degrees.
-    pub gyro_deg: f64,
-    /// Standard deviation of the orientation's drift from one frame to the next, degrees.
-    pub drift_deg: f64,
+    /// Anchors and orientation errors.
+    #[serde(flatten)]
+    pub condition: Condition,
     /// Number of new layout positions.
     pub starts: u32,
     /// Median number of sent keypoints per frame, without decoys.
@@ -79,26 +75,13 @@ pub struct FramesFigures {
 }
 
 impl FramesFigures {
-    pub(super) fn new(
-        anchors: SessionAnchors,
-        gyroscope: &Gyroscope,
-        starts: u32,
-        sealed: &[Result<Sealed, String>],
-        mut summary: SchemeSummary,
-    ) -> Self {
-        let sealed = || sealed.iter().filter_map(|s| s.as_ref().ok());
+    pub(super) fn new(condition: Condition, session: &SealedSession, mut summary: SchemeSummary) -> Self {
+        let sealed = || session.frames.iter().filter_map(|s| s.as_ref().ok());
         let keypoints: Vec<f64> = sealed().map(|s| s.truth.source.iter().flatten().count() as f64).collect();
         let mut bytes: Vec<usize> = sealed().map(|s| s.bytes.len()).collect();
         bytes.sort_unstable();
         summary.sealed_bytes = bytes.get(bytes.len() / 2).copied();
-        Self {
-            anchors: anchors.to_string(),
-            gyro_deg: gyroscope.gyro_deg,
-            drift_deg: gyroscope.drift_deg,
-            starts,
-            keypoints: median(&keypoints),
-            summary,
-        }
+        Self { condition, starts: session.starts, keypoints: median(&keypoints), summary }
     }
 }
 
@@ -108,20 +91,17 @@ impl FramesFigures {
 pub struct SessionRow {
     /// Obfuscation scheme.
     pub scheme: String,
-    /// Reference of the anchors: `image`, `world` or `gravity`.
-    pub anchors: String,
+    /// Anchors and orientation errors.
+    #[serde(flatten)]
+    pub condition: Condition,
     /// Motion of the camera.
     pub motion: Motion,
     /// Number of frames, including the attacked one.
     pub frames: usize,
-    /// Standard deviation of each orientation's error about each axis, degrees.
-    pub gyro_deg: f64,
-    /// Standard deviation of the orientation's drift from one frame to the next, degrees.
-    pub drift_deg: f64,
     /// Attacked keypoints.
-    target: AttackedKeypoints,
+    pub target: AttackedKeypoints,
     /// Method of the attack.
-    method: Method,
+    pub method: Method,
     /// Number of attacked images with a pose that the server trusts.
     pub images: usize,
     /// Number of attacked keypoints.
@@ -136,95 +116,83 @@ pub struct SessionRow {
     /// px and the diagonal; null without keypoints.
     pub bits_over_prior: Option<f64>,
     #[serde(skip)]
-    errors: Vec<f64>,
+    tally: ErrorTally,
     #[serde(skip)]
     prior: Vec<f64>,
-    /// Bits times keypoints.
-    #[serde(skip)]
-    bits: f64,
 }
 
 impl SessionRow {
-    /// Empty rows by measure, method and number of frames.
-    pub(super) fn of(
-        evaluation: &SessionsEvaluation,
-        scheme: Scheme,
-        anchors: SessionAnchors,
-        motion: Motion,
-        gyroscope: &Gyroscope,
-    ) -> Vec<Self> {
+    /// Empty rows by target, method and number of frames.
+    pub(super) fn of(counts: &[usize], condition: Condition, motion: Motion) -> Vec<Self> {
         let mut rows = Vec::new();
-        for measured in AttackedKeypoints::ALL {
-            for method in Method::of(motion) {
-                rows.extend(evaluation.frames.iter().map(|frames| Self {
-                    scheme: scheme.to_string(),
-                    anchors: anchors.to_string(),
+        for target in AttackedKeypoints::ALL {
+            for &method in Method::of(motion) {
+                rows.extend(counts.iter().map(|&frames| Self {
+                    scheme: condition.scheme.to_string(),
+                    condition,
                     motion,
-                    frames: *frames,
-                    gyro_deg: gyroscope.gyro_deg,
-                    drift_deg: gyroscope.drift_deg,
-                    target: measured,
-                    method: *method,
+                    frames,
+                    target,
+                    method,
                     images: 0,
                     keypoints: 0,
                     prior_median_px: None,
                     median_px: None,
                     under_10px: None,
                     bits_over_prior: None,
-                    errors: Vec::new(),
+                    tally: ErrorTally::default(),
                     prior: Vec::new(),
-                    bits: 0.0,
                 }));
             }
         }
         rows
     }
 
-    /// Adds an image.
-    pub(super) fn add(&mut self, attacked: &AttackErrors) {
-        if attacked.errors.is_empty() {
-            return;
+    /// Adds the errors of an image of this size; `prior`: those of the best answer for bits and for errors in pixels.
+    pub(super) fn add(&mut self, errors: &[f64], prior: [&[f64]; 2], size: (u32, u32)) {
+        if !errors.is_empty() {
+            self.images += 1;
+            self.tally.add(errors, prior[0], size);
+            self.prior.extend(prior[1]);
         }
-        let (width, height) = attacked.size;
-        let bits = bits_over_prior(&attacked.errors, &attacked.prior, width, height);
-        self.bits += bits * attacked.errors.len() as f64;
-        self.images += 1;
-        self.errors.extend(&attacked.errors);
-        self.prior.extend(&attacked.prior_for_pixels);
     }
 
     /// The row with its final figures.
     pub(super) fn finished(mut self) -> Self {
-        let (errors, prior) = (ErrorSummary::of(&self.errors), ErrorSummary::of(&self.prior));
+        let (errors, prior) = (ErrorSummary::of(&self.tally.errors), ErrorSummary::of(&self.prior));
         self.keypoints = errors.count;
         if errors.count > 0 {
             self.prior_median_px = finite(prior.median_px);
             self.median_px = finite(errors.median_px);
             self.under_10px = finite(errors.under_10px);
-            self.bits_over_prior = finite(self.bits / errors.count as f64);
+            self.bits_over_prior = finite(self.tally.bits_over_prior());
         }
         self
     }
 
     /// Whether two rows differ in the number of frames only.
     pub(super) fn is_like(&self, other: &Self) -> bool {
-        let key = |r: &Self| (r.scheme.clone(), r.anchors.clone(), r.motion, r.target, r.method);
-        key(self) == key(other) && [self.gyro_deg, self.drift_deg] == [other.gyro_deg, other.drift_deg]
+        let key = |row: &Self| (row.condition, row.motion, row.target, row.method);
+        key(self) == key(other)
     }
+}
 
+impl AttackedKeypoints {
     /// The attacked keypoints, as one word.
-    pub const fn attacked_keypoints(&self) -> &'static str {
-        match self.target {
-            AttackedKeypoints::Private => "private",
-            AttackedKeypoints::Matched => "matched",
+    pub(super) const fn word(self) -> &'static str {
+        match self {
+            Self::Private => "private",
+            Self::Matched => "matched",
         }
     }
+}
 
+impl Method {
     /// The method, as one word.
-    pub(super) const fn by(&self) -> &'static str {
-        match self.method {
-            Method::SeveralFrames => "planes",
-            Method::RestingCamera => "scatter",
+    pub(super) const fn word(self) -> &'static str {
+        match self {
+            Self::SeveralFrames => "planes",
+            Self::RestingCamera => "scatter",
         }
     }
 }

@@ -1,20 +1,20 @@
 //! The server: one frame of a session localized from its bytes, and the resulting knowledge.
 
-use std::collections::BTreeMap;
-
-use crate::pipeline::{PosedQuery, localize_one};
-use crate::results::QueryResult;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 use veiloc_attacks::{DecodedDescriptors, Observation};
-use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel, PlanePoint};
+use veiloc_geometry::{CameraFromWorld, Pinhole, Pixel};
 use veiloc_localization::{LocalizeOptions, match_query};
 use veiloc_map::MapFile;
 use veiloc_pose::{ScoreKind, State, estimate_pose};
 use veiloc_protocol::{Scheme, SealedQuery};
 
+use super::super::inliers::{likeliest_by_row, projected_inliers};
 use super::device::Sealed;
-use super::frames::DeviceFrame;
+use super::recording::{DeviceFrame, Recording};
+use crate::pipeline::localize_one;
+use crate::results::QueryResult;
 
 /// A frame as the server has it, with the error of its pose.
 pub(super) struct LocalizedFrame {
@@ -41,29 +41,33 @@ pub(super) struct TrustedFrame {
     pub(super) truth: Vec<Option<Pixel>>,
 }
 
-impl LocalizedFrame {
-    pub(super) fn of(
-        sealed: Result<&Sealed, &String>,
-        shown: &DeviceFrame,
-        query: &PosedQuery,
+impl Recording<'_> {
+    /// Localizes sealed frames from their bytes.
+    pub(super) fn localize(
+        &self,
+        sealed: &[Result<Sealed, String>],
+        shown: &[DeviceFrame],
         scheme: Scheme,
-        map: &MapFile,
-        options: &LocalizeOptions,
-    ) -> Self {
-        match sealed {
-            Ok(sealed) => {
-                let result = localize_one(map, &sealed.bytes, query, scheme, ScoreKind::default(), options);
-                let trusted = result.state == Some(State::Trusted);
-                let posed = if trusted { TrustedFrame::of(sealed, shown, map, options) } else { None };
-                Self { result, posed }
+    ) -> Vec<LocalizedFrame> {
+        let (map, options, score) = (self.map_file(), self.evaluation.scene.localize(), ScoreKind::default());
+        let localize = |(sealed, shown): (&Result<Sealed, String>, &DeviceFrame)| {
+            let query = &self.queries[shown.query];
+            match sealed {
+                Ok(sealed) => {
+                    let result = localize_one(map, &sealed.bytes, query, scheme, score, options);
+                    let trusted = result.state == Some(State::Trusted);
+                    let posed = trusted.then(|| TrustedFrame::of(sealed, shown, map, options)).flatten();
+                    LocalizedFrame { result, posed }
+                }
+                Err(error) => {
+                    let mut result = QueryResult::unsolved(&query.name, scheme, score);
+                    result.state = Some(State::NotFound);
+                    result.failure = Some(error.clone());
+                    LocalizedFrame { result, posed: None }
+                }
             }
-            Err(error) => {
-                let mut result = QueryResult::unsolved(&query.name, scheme, ScoreKind::default());
-                result.state = Some(State::NotFound);
-                result.failure = Some(error.clone());
-                Self { result, posed: None }
-            }
-        }
+        };
+        sealed.par_iter().zip(shown).map(localize).collect()
     }
 }
 
@@ -75,22 +79,12 @@ impl TrustedFrame {
         let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
         let found = estimate_pose(&matched.problem, &options.pose, &mut rng).ok()?;
         let lines = Observation::of_sent(&query.observations());
-        let mut best: BTreeMap<usize, (f64, Pixel, f64)> = BTreeMap::new();
-        for (c, m) in matched.match_of.iter().enumerate().filter(|(c, _)| found.inliers[*c]) {
-            let point = found.cam_from_world.transform(&matched.problem.points[c]);
-            let Some(plane) = PlanePoint::from_camera_point(&point) else { continue };
-            let weight = matched.problem.prior.as_ref().map_or(0.0, |p| p[c]);
-            let at = (weight, matched.problem.camera.project(plane), point.depth());
-            let entry = best.entry(matched.rows[*m]).or_insert(at);
-            if weight > entry.0 {
-                *entry = at;
-            }
-        }
+        let inliers = projected_inliers(&matched.problem, &found, |c| matched.rows[matched.match_of[c]]);
         let mut known: Vec<Option<(Pixel, f64)>> = vec![None; lines.len()];
-        for (row, (_, pixel, depth)) in &best {
+        for (row, at) in likeliest_by_row(&inliers) {
             // Rows with equal positions have equal lines, and the server can see that.
-            for other in (0..lines.len()).filter(|i| lines[*i] == lines[*row]) {
-                known[other].get_or_insert((*pixel, *depth));
+            for other in (0..lines.len()).filter(|i| lines[*i] == lines[row]) {
+                known[other].get_or_insert(at);
             }
         }
         let sources = sealed.truth.source.iter().zip(&sealed.truth.pixels);

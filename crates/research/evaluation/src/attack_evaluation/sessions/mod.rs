@@ -17,29 +17,26 @@
 mod attack;
 mod device;
 mod document;
-mod frames;
 mod localized_frame;
 mod motion;
+mod recording;
 mod table;
 
-use crate::EvalError;
-use crate::pipeline::{GravityNoise, PosedQuery, SceneMap, SimulatedGravity};
-use crate::results::{QueryResult, summarize};
-use crate::{SceneEvaluation, sequence_of};
-use rayon::prelude::*;
+use serde::{Serialize, Serializer};
 use veiloc_features::Progress;
-use veiloc_geometry::CameraFromWorld;
 use veiloc_obfuscation::{SessionAnchors, SessionOptions};
 use veiloc_protocol::Scheme;
 
-use crate::attack_evaluation::spread::spread;
-use attack::{AttackErrors, attack};
-use device::{Gyroscope, Sealed, sealed_in_session};
-use frames::{DeviceFrame, device_frame, stationary_frames};
+use crate::pipeline::GravityNoise;
+use crate::results::{QueryResult, summarize};
+use crate::{EvalError, SceneEvaluation};
+use device::SealedSession;
 use localized_frame::LocalizedFrame;
+use recording::Recording;
 
+pub use attack::{AttackedKeypoints, Method};
 pub use document::{FramesFigures, SessionRow, SessionsDocument};
-pub use motion::{Motion, MotionError};
+pub use motion::Motion;
 pub use table::table;
 
 /// The accelerometer of the devices.
@@ -99,12 +96,90 @@ impl SessionsEvaluation {
         Ok(())
     }
 
-    /// Orientation errors that matter for these anchors: none if no orientation is used.
-    fn errors_of(&self, anchors: SessionAnchors) -> Vec<Gyroscope> {
-        let all = self.gyro_deg.iter().flat_map(|gyro_deg| {
-            self.drift_deg.iter().map(|drift_deg| Gyroscope { gyro_deg: *gyro_deg, drift_deg: *drift_deg })
-        });
-        if anchors == SessionAnchors::Image { vec![Gyroscope::EXACT] } else { all.collect() }
+    /// Schemes, anchors and orientation errors; anchors in the image use no orientation.
+    fn conditions(&self) -> Vec<Condition> {
+        let mut conditions = Vec::new();
+        for &scheme in &self.scene.schemes {
+            for &anchors in &self.anchors {
+                let exact: &[f64] = &[0.0];
+                let is_used = anchors != SessionAnchors::Image;
+                for &gyro_deg in if is_used { &self.gyro_deg } else { exact } {
+                    for &drift_deg in if is_used { &self.drift_deg } else { exact } {
+                        conditions.push(Condition { scheme, anchors, gyro_deg, drift_deg });
+                    }
+                }
+            }
+        }
+        conditions
+    }
+
+    /// Number of frames of the largest attack.
+    fn longest(&self) -> usize {
+        self.frames.iter().copied().max().unwrap_or(2)
+    }
+}
+
+/// Scheme, anchors and errors of orientations under which frames are sealed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Condition {
+    #[serde(skip)]
+    scheme: Scheme,
+    /// Reference of the anchors: `image`, `world` or `gravity`.
+    #[serde(serialize_with = "as_text")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
+    pub anchors: SessionAnchors,
+    /// Standard deviation of each orientation's error about each axis, degrees.
+    pub gyro_deg: f64,
+    /// Standard deviation of the orientation's drift from one frame to the next, degrees.
+    pub drift_deg: f64,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "the signature that serde calls")]
+fn as_text<S: Serializer>(anchors: &SessionAnchors, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(anchors)
+}
+
+/// The frames of the trajectory under one condition, localized.
+struct Sessions<'a> {
+    recording: &'a Recording<'a>,
+    condition: Condition,
+    trajectory: SealedSession,
+    /// All of one session.
+    frames: Vec<LocalizedFrame>,
+    /// Each of its own session; empty if no attack combines them.
+    visits: Vec<LocalizedFrame>,
+}
+
+impl<'a> Sessions<'a> {
+    fn new(recording: &'a Recording<'a>, condition: Condition) -> Self {
+        let shown = &recording.trajectory;
+        let trajectory = recording.seal(shown, &condition);
+        let frames = recording.localize(&trajectory.frames, shown, condition.scheme);
+        let mut visits = Vec::new();
+        if recording.evaluation.motions.contains(&Motion::Visiting) {
+            let seal = |frame| recording.seal(std::slice::from_ref(frame), &condition).frames;
+            let alone: Vec<_> = shown.iter().flat_map(seal).collect();
+            visits = recording.localize(&alone, shown, condition.scheme);
+        }
+        Self { recording, condition, trajectory, frames, visits }
+    }
+
+    /// Pose results of the single frames.
+    fn figures(&self) -> FramesFigures {
+        let results: Vec<&QueryResult> = self.frames.iter().map(|frame| &frame.result).collect();
+        let summary = summarize(&results, &self.recording.evaluation.scene.thresholds);
+        FramesFigures::new(self.condition, &self.trajectory, summary)
+    }
+
+    /// Attacks each image with frames of this motion: one row for each target, method and number of frames.
+    fn rows(&self, motion: Motion, progress: &dyn Progress) -> Result<Vec<SessionRow>, EvalError> {
+        let mut rows = SessionRow::of(&self.recording.evaluation.frames, self.condition, motion);
+        for index in 0..self.recording.attacked.len() {
+            self.attack(motion, index, &mut rows)?;
+            progress.advance(1);
+        }
+        Ok(rows.into_iter().map(SessionRow::finished).collect())
     }
 }
 
@@ -118,127 +193,19 @@ pub fn evaluate_sessions(
     progress: &dyn Progress,
 ) -> Result<SessionsDocument, EvalError> {
     evaluation.check()?;
-    let scene = &evaluation.scene;
-    let queries = scene.queries()?;
-    let poses: Vec<CameraFromWorld> = queries.iter().map(|q| q.cam_from_world).collect();
-    let attacked = attacked(evaluation, &poses)?;
-    let gravity_source = SimulatedGravity::of(&scene.posed, &scene.map_list, SESSION_SENSOR)?;
-    let input = scene.map_input(&scene.map_list);
-    let SceneMap { file: map, summary, .. } =
-        &SceneMap::build(&input, &scene.build, true, scene.keep_map.as_deref(), None, progress)?;
-    progress.start("Extracting queries", queries.len());
-    let mut trajectory: Vec<DeviceFrame> = Vec::with_capacity(queries.len());
-    for query in &queries {
-        trajectory.push(device_frame(query, map, evaluation.private, scene.seed)?);
-        progress.advance(1);
-    }
-    progress.finish();
-    let longest = evaluation.frames.iter().copied().max().unwrap_or(2);
-    let mut resting: Vec<Vec<DeviceFrame>> = Vec::new();
-    if evaluation.motions.contains(&Motion::Resting) {
-        progress.start("Extracting frames of a stationary camera", attacked.len());
-        for &i in &attacked {
-            resting.push(stationary_frames(
-                &queries[i],
-                &trajectory[i],
-                longest,
-                evaluation.sensor_noise,
-                map,
-                scene.seed,
-            )?);
-            progress.advance(1);
-        }
-        progress.finish();
-    }
-
-    let conditions: Vec<(Scheme, SessionAnchors, Gyroscope)> = scene
-        .schemes
-        .iter()
-        .flat_map(|s| evaluation.anchors.iter().map(move |a| (*s, *a)))
-        .flat_map(|(s, a)| evaluation.errors_of(a).into_iter().map(move |g| (s, a, g)))
-        .collect();
-    let mut document = SessionsDocument::new(evaluation, summary.clone());
-    progress.start("Attacking sessions", conditions.len() * (1 + attacked.len() * evaluation.motions.len()));
-    for (scheme, anchors, gyroscope) in conditions {
-        let seal = |frames: &[DeviceFrame]| {
-            sealed_in_session(frames, scheme, anchors, &gyroscope, evaluation, map, &gravity_source)
-        };
-        let localized = |sealed: &[Result<Sealed, String>],
-                         shown: &[DeviceFrame],
-                         of: &[&PosedQuery]|
-         -> Vec<LocalizedFrame> {
-            let frames = sealed.par_iter().zip(shown).zip(of);
-            frames
-                .map(|((sealed, shown), query)| {
-                    LocalizedFrame::of(sealed.as_ref(), shown, query, scheme, map, scene.localize())
-                })
-                .collect()
-        };
-        let of_trajectory: Vec<&PosedQuery> = queries.iter().collect();
-        let (sealed, starts) = seal(&trajectory);
-        let localized_frames = localized(&sealed, &trajectory, &of_trajectory);
-        let visits = if evaluation.motions.contains(&Motion::Visiting) {
-            let alone = trajectory.iter().flat_map(|frame| seal(std::slice::from_ref(frame)).0);
-            localized(&alone.collect::<Vec<_>>(), &trajectory, &of_trajectory)
-        } else {
-            Vec::new()
-        };
-        let results: Vec<QueryResult> = localized_frames.iter().map(|s| s.result.clone()).collect();
-        let summary = summarize(&results.iter().collect::<Vec<_>>(), &scene.thresholds);
-        document.frames.push(FramesFigures::new(anchors, &gyroscope, starts, &sealed, summary));
+    let recording = Recording::new(evaluation, progress)?;
+    let conditions = evaluation.conditions();
+    let mut document = SessionsDocument::new(evaluation, recording.map.summary.clone());
+    let steps = 1 + recording.attacked.len() * evaluation.motions.len();
+    progress.start("Attacking sessions", conditions.len() * steps);
+    for condition in conditions {
+        let sessions = Sessions::new(&recording, condition);
+        document.frames.push(sessions.figures());
         progress.advance(1);
         for motion in &evaluation.motions {
-            let mut rows = SessionRow::of(evaluation, scheme, anchors, *motion, &gyroscope);
-            for (k, &i) in attacked.iter().enumerate() {
-                let all_others = || (0..trajectory.len()).filter(|j| *j != i).collect::<Vec<_>>();
-                let under = (anchors, *motion);
-                let tried = match motion {
-                    Motion::Resting => {
-                        let (sealed, _) = seal(&resting[k]);
-                        let still = localized(&sealed, &resting[k], &vec![&queries[i]; sealed.len()]);
-                        attack(evaluation, under, &still, 0, &(1..still.len()).collect::<Vec<_>>())?
-                    }
-                    Motion::Walking => {
-                        let before =
-                            sequence_of(&poses, i, longest, evaluation.max_distance).unwrap_or_default();
-                        // The nearest first.
-                        let others: Vec<usize> = before.iter().rev().copied().filter(|j| *j != i).collect();
-                        attack(evaluation, under, &localized_frames, i, &others)?
-                    }
-                    Motion::Turning => attack(evaluation, under, &localized_frames, i, &all_others())?,
-                    Motion::Visiting => attack(evaluation, under, &visits, i, &all_others())?,
-                };
-                rows.iter_mut()
-                    .zip(&tried)
-                    .for_each(|(row, tried): (&mut SessionRow, &AttackErrors)| row.add(tried));
-                progress.advance(1);
-            }
-            document.rows.extend(rows.into_iter().map(SessionRow::finished));
+            document.rows.extend(sessions.rows(*motion, progress)?);
         }
     }
     progress.finish();
     Ok(document)
-}
-
-/// The attacked images: those with enough frames.
-fn attacked(evaluation: &SessionsEvaluation, poses: &[CameraFromWorld]) -> Result<Vec<usize>, EvalError> {
-    let longest = evaluation.frames.iter().copied().max().unwrap_or(2);
-    let has_enough = |i: &usize| {
-        evaluation.motions.iter().all(|motion| match motion {
-            Motion::Resting => true,
-            Motion::Turning | Motion::Visiting => poses.len() >= longest,
-            Motion::Walking => sequence_of(poses, *i, longest, evaluation.max_distance).is_some(),
-        })
-    };
-    let able: Vec<usize> = (0..poses.len()).filter(has_enough).collect();
-    if able.is_empty() {
-        return Err(EvalError::DataSet(format!(
-            "no query has {longest} frames: the list has {} images, and those within {} map units of the next are a trajectory; \
-             use fewer frames, a longer --max-distance, or only --motion resting",
-            poses.len(),
-            evaluation.max_distance
-        )));
-    }
-    let count = evaluation.attacked.map(|n| n.max(1));
-    Ok(spread(able.len(), count).into_iter().map(|k| able[k]).collect())
 }

@@ -3,6 +3,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use super::super::names::{UnknownName, find};
+
 /// Motion between the frames of an attack.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -33,17 +35,11 @@ impl fmt::Display for Motion {
     }
 }
 
-/// A text that is not a motion.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} is not a motion; write turning, walking, resting or visiting")]
-pub struct MotionError(String);
-
 impl FromStr for Motion {
-    type Err = MotionError;
+    type Err = UnknownName;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let found = Self::WORDS.iter().find(|w| w.1 == text.trim());
-        found.map(|w| w.0).ok_or_else(|| MotionError(text.to_owned()))
+        find(text, "a motion", Self::WORDS, |word| word.1).map(|word| word.0)
     }
 }
 

@@ -19,9 +19,9 @@ pub fn table(document: &SessionsDocument) -> String {
         let s = &f.summary;
         let mut row = vec![
             s.scheme.clone(),
-            f.anchors.clone(),
-            f.gyro_deg.to_string(),
-            f.drift_deg.to_string(),
+            f.condition.anchors.to_string(),
+            f.condition.gyro_deg.to_string(),
+            f.condition.drift_deg.to_string(),
             f.starts.to_string(),
             format!("{:.0}", f.keypoints),
             format!("{}/{}", s.trusted.unwrap_or(0), s.queries),
@@ -47,12 +47,12 @@ pub fn table(document: &SessionsDocument) -> String {
         rest = others;
         let mut row = vec![
             first.scheme.clone(),
-            first.anchors.clone(),
+            first.condition.anchors.to_string(),
             first.motion.to_string(),
-            first.gyro_deg.to_string(),
-            first.drift_deg.to_string(),
-            first.attacked_keypoints().to_owned(),
-            first.by().to_owned(),
+            first.condition.gyro_deg.to_string(),
+            first.condition.drift_deg.to_string(),
+            first.target.word().to_owned(),
+            first.method.word().to_owned(),
             first.keypoints.to_string(),
             first.prior_median_px.map_or_else(missing, |x| format!("{x:.0}")),
         ];

@@ -10,12 +10,12 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_evaluation::EvalError;
 use veiloc_evaluation::attack_evaluation::{
-    Attack, AttackDocument, AttackEvaluation, AttackSummary, FrameChoice, MeasuredKeypoints, NeighbourSource,
-    PrivateRegion, ServerKnowledge, evaluate_attacks,
+    Attack, AttackDocument, AttackEvaluation, AttackSummary, FrameChoice, MeasuredKeypoints, PrivateRegion,
+    ServerKnowledge, evaluate_attacks,
 };
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, PlanePoint, Point3};
-use veiloc_protocol::{AngleBits, Scheme};
+use veiloc_protocol::Scheme;
 
 const POINTS: usize = 500;
 const FOCAL: f64 = 500.0;
@@ -100,14 +100,9 @@ fn named(attack: &str) -> Attack {
 fn evaluation(keypoints: &Path, problems: &Path, attacks: &[Attack]) -> AttackEvaluation {
     AttackEvaluation {
         files: vec![keypoints.to_owned()],
-        synthetic: 0,
         images: Some(1),
         schemes: vec!["dcl:paper".parse().expect("a scheme")],
         attacks: attacks.to_vec(),
-        neighbours: NeighbourSource::Oracle,
-        positions: Vec::new(),
-        k: 20,
-        corrupt: vec![0.0],
         server: Some(ServerKnowledge {
             problems: vec![problems.to_owned()],
             map_problems: Vec::new(),
@@ -116,15 +111,12 @@ fn evaluation(keypoints: &Path, problems: &Path, attacks: &[Attack]) -> AttackEv
             measured: MeasuredKeypoints::Hidden,
         }),
         frames: vec![3],
-        choice: FrameChoice::default(),
-        resting_noise_px: 0.0,
-        angle_bits: AngleBits::default(),
-        seed: 0,
+        ..AttackEvaluation::default()
     }
 }
 
 fn run(evaluation: &AttackEvaluation) -> Result<AttackDocument, EvalError> {
-    evaluate_attacks(evaluation, |_, _| ())
+    evaluate_attacks(evaluation, "", &(), &mut |_| {})
 }
 
 fn row(document: &AttackDocument, attack: Attack, frames: Option<usize>) -> &AttackSummary {

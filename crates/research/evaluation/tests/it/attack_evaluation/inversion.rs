@@ -2,10 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
+use veiloc_datasets::problem_files::KeypointImage;
 use veiloc_evaluation::EvalError;
+use veiloc_evaluation::attack_evaluation::AttackEvaluation;
 use veiloc_evaluation::attack_evaluation::inversion::{
     Classifier, ContactSheet, ImageMetrics, InversionDocument, InversionEvaluation, InversionNetwork,
-    PerceptualDistance, RealisticAttackOptions, SummaryRow, evaluate_inversion, evaluation_table,
+    PerceptualDistance, SummaryRow, evaluate_inversion, evaluation_table,
 };
 use veiloc_features::{Compact, Extractor, Sift};
 use veiloc_protocol::{ExtractionLimits, Scheme};
@@ -33,27 +35,31 @@ fn draw(folder: &Path, shift: u32) -> PathBuf {
 fn evaluate(
     images: &[PathBuf],
     network: &InversionNetwork,
-    realistic: RealisticAttackOptions,
+    map: Vec<KeypointImage>,
     metrics: &ImageMetrics,
 ) -> Result<(InversionDocument, [ContactSheet; 2]), EvalError> {
-    evaluate_inversion(&evaluation(images, network, realistic, &Sift::default()), metrics, &())
+    evaluate_inversion(&evaluation(images, network, map, &Sift::default()), metrics, &())
 }
 
 fn evaluation<'a>(
     images: &[PathBuf],
     network: &'a InversionNetwork,
-    realistic: RealisticAttackOptions,
+    map: Vec<KeypointImage>,
     extractor: &'a dyn Extractor,
 ) -> InversionEvaluation<'a> {
     InversionEvaluation {
         images: images.to_vec(),
-        schemes: vec![Scheme::Points, Scheme::RandomLines, Scheme::default()],
+        attack: AttackEvaluation {
+            schemes: vec![Scheme::Points, Scheme::RandomLines, Scheme::default()],
+            k: 10,
+            seed: 3,
+            ..AttackEvaluation::default()
+        },
+        train: Vec::new(),
+        map,
         network,
         extractor,
         limits: ExtractionLimits::default(),
-        realistic,
-        k: 10,
-        seed: 3,
         shown: 1,
     }
 }
@@ -66,13 +72,7 @@ fn document_has_rows_for_schemes_and_attacks() {
     let limits = ExtractionLimits::default();
     let map = veiloc_datasets::problem_files::keypoints_of_images(&paths[5..], &Sift::default(), limits, &())
         .expect("images");
-    let (document, sheets) = evaluate(
-        &paths[3..5],
-        &plain,
-        RealisticAttackOptions { map, ..RealisticAttackOptions::default() },
-        &ImageMetrics::default(),
-    )
-    .expect("it runs");
+    let (document, sheets) = evaluate(&paths[3..5], &plain, map, &ImageMetrics::default()).expect("it runs");
     let names: Vec<String> =
         document.summary.iter().map(|row| format!("{} {}", row.scheme, row.attack)).collect();
     let dcl = Scheme::default().to_string();
@@ -129,9 +129,7 @@ fn document_has_rows_for_schemes_and_attacks() {
     assert!(document.classes.is_none() && !document.network.has_visibility);
 
     // A repetition gives exactly the same result.
-    let again = evaluate(&paths[3..5], &plain, RealisticAttackOptions::default(), &ImageMetrics::default())
-        .expect("it runs")
-        .0;
+    let again = evaluate(&paths[3..5], &plain, Vec::new(), &ImageMetrics::default()).expect("it runs").0;
     let psnr = |d: &InversionDocument| d.rows.iter().find(|r| r.attack == "graph").map(|r| r.psnr);
     assert_eq!(psnr(&again), psnr(&document), "other attackers change nothing");
 }
@@ -141,9 +139,7 @@ fn visibility_output_is_evaluated_by_roc_auc() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let paths: Vec<PathBuf> = (3..5).map(|i| draw(folder.path(), 31 * i)).collect();
     let judging = network("learned/inversion.toml");
-    let (document, _) =
-        evaluate(&paths, &judging, RealisticAttackOptions::default(), &ImageMetrics::default())
-            .expect("it runs");
+    let (document, _) = evaluate(&paths, &judging, Vec::new(), &ImageMetrics::default()).expect("it runs");
     assert!(document.network.has_visibility && document.network.file.ends_with("inversion.toml"));
     for row in &document.summary {
         // True keypoints are all correct, graph may recover all, and without positions there is no visibility.
@@ -173,8 +169,7 @@ fn image_metrics_are_computed() {
     };
     let plain = network("learned/plain.toml");
     let images = [first, named, wrong];
-    let (document, _) =
-        evaluate(&images, &plain, RealisticAttackOptions::default(), &metrics).expect("it runs");
+    let (document, _) = evaluate(&images, &plain, Vec::new(), &metrics).expect("it runs");
     let classes = document.classes.expect("classified");
     assert_eq!((classes.labelled, classes.pseudo_labelled), (2, 1));
     assert!(classes.labelled_top_1 <= classes.labelled_top_5 && classes.labelled_top_5 == 2, "{classes:?}");
@@ -200,7 +195,7 @@ fn features_must_match_the_network() {
     let paths = [draw(folder.path(), 31)];
     let plain = network("learned/plain.toml");
     let compact = Compact::default();
-    let other = evaluation(&paths, &plain, RealisticAttackOptions::default(), &compact);
+    let other = evaluation(&paths, &plain, Vec::new(), &compact);
     let refused =
         evaluate_inversion(&other, &ImageMetrics::default(), &()).expect_err("other features").to_string();
     assert!(refused.contains("plain.toml") && refused.contains("--features sift"), "{refused}");

@@ -6,8 +6,9 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints};
 use veiloc_descriptor::{DescriptorError, DescriptorKind, Descriptors, Encoding};
+use veiloc_evaluation::EvalError;
 use veiloc_evaluation::attack_evaluation::{
-    ATTACKS, Attack, AttackEvaluation, NeighbourSource, evaluate_attacks,
+    ATTACKS, Attack, AttackDocument, AttackEvaluation, NeighbourSource, evaluate_attacks,
 };
 use veiloc_geometry::Pixel;
 
@@ -42,6 +43,10 @@ fn file_of(folder: &Path, name: &str, kind: Result<DescriptorKind, DescriptorErr
     path
 }
 
+fn run(evaluation: &AttackEvaluation) -> Result<AttackDocument, EvalError> {
+    evaluate_attacks(evaluation, "", &(), &mut |_| {})
+}
+
 fn attack(name: &str) -> Attack {
     *ATTACKS.iter().find(|a| a.name == name).expect("an attack")
 }
@@ -57,7 +62,7 @@ fn position_network_attacks_its_scheme() {
         positions: vec![model.clone()],
         ..AttackEvaluation::default()
     };
-    let found = evaluate_attacks(&evaluation, |_, _| ()).expect("attacked").attacks;
+    let found = run(&evaluation).expect("attacked").attacks;
     let rows: Vec<(String, Attack)> = found.iter().map(|r| (r.scheme.clone(), r.attack)).collect();
     let expected = [
         ("random-lines", Attack::PRIOR),
@@ -68,16 +73,16 @@ fn position_network_attacks_its_scheme() {
     assert!(found[2].bits_over_prior > 0.7, "{:?}", found[2]);
 
     evaluation.positions = vec![model.clone(), data("untrained.toml")];
-    let twice = evaluate_attacks(&evaluation, |_, _| ()).expect_err("two of one scheme").to_string();
+    let twice = run(&evaluation).expect_err("two of one scheme").to_string();
     assert!(twice.contains("two networks are given for dcl"), "{twice}");
     evaluation.positions = Vec::new();
-    let none = evaluate_attacks(&evaluation, |_, _| ()).expect_err("no network").to_string();
+    let none = run(&evaluation).expect_err("no network").to_string();
     assert!(none.contains("research/train"), "{none}");
     evaluation.positions = vec![evaluation.files[0].clone()];
-    let other = evaluate_attacks(&evaluation, |_, _| ()).expect_err("no network").to_string();
+    let other = run(&evaluation).expect_err("no network").to_string();
     assert!(other.contains("keypoints.jsonl") && other.contains("does not describe"), "{other}");
     evaluation.positions = vec![data("neighbours.toml")];
-    let other = evaluate_attacks(&evaluation, |_, _| ()).expect_err("another kind").to_string();
+    let other = run(&evaluation).expect_err("another kind").to_string();
     assert!(other.contains("neighbours.toml") && other.contains("\"positions\" is required"), "{other}");
 }
 
@@ -92,7 +97,7 @@ fn neighbour_network_predicts_neighbours() {
         k: 8,
         ..AttackEvaluation::default()
     };
-    let found = evaluate_attacks(&evaluation, |_, _| ()).expect("attacked");
+    let found = run(&evaluation).expect("attacked");
     let text = serde_json::to_string(&found).expect("a document");
     assert!(text.contains("\"neighbours\":\"network\""), "{text}");
     // Eight of a field with about thirteen keypoints: far above chance.
@@ -133,15 +138,14 @@ fn descriptors_of_another_kind_are_refused() {
         (network, Vec::new(), "image-0: its descriptors are of kind other, but kind made-up is required"),
         (NeighbourSource::Oracle, vec![data("positions.toml")], "--features made-up"),
     ] {
-        let refused =
-            evaluate_attacks(&evaluation(neighbours, positions), |_, _| ()).expect_err("another kind");
+        let refused = run(&evaluation(neighbours, positions)).expect_err("another kind");
         assert!(refused.to_string().contains(expected_words), "{refused}");
     }
     // Training images with the names of attacked images are left out, so they need other names.
     let text = std::fs::read_to_string(&other).expect("text").replace("image-", "training-");
     let more = folder.path().join("more.jsonl");
     std::fs::write(&more, text).expect("written");
-    evaluate_attacks(&evaluation(predicted(&[&more]), Vec::new()), |_, _| ()).expect("one kind");
+    run(&evaluation(predicted(&[&more]), Vec::new())).expect("one kind");
 }
 
 /// The offset of signed numbers is not part of a descriptor.
@@ -158,7 +162,7 @@ fn encoding_of_descriptors_does_not_change_attacks() {
             positions: vec![data("positions.toml")],
             ..AttackEvaluation::default()
         };
-        let found = evaluate_attacks(&evaluation, |_, _| ()).expect("attacked").attacks;
+        let found = run(&evaluation).expect("attacked").attacks;
         found.iter().map(|row| row.bits_over_prior).collect::<Vec<f64>>()
     });
     assert_eq!(found[0], found[1]);

@@ -4,12 +4,14 @@ use std::path::Path;
 
 use veiloc_evaluation::SceneEvaluation;
 use veiloc_evaluation::attack_evaluation::sessions::{
-    Motion, SessionRow, SessionsEvaluation, evaluate_sessions,
+    AttackedKeypoints, Motion, SessionRow, SessionsEvaluation, evaluate_sessions,
 };
 use veiloc_map::colmap::read_posed;
 use veiloc_obfuscation::{SessionAnchors, SessionOptions};
 use veiloc_protocol::Scheme;
 use veiloc_testdata::real_data_test;
+
+const ANCHORS: [SessionAnchors; 2] = [SessionAnchors::Image, SessionAnchors::World];
 
 fn names(list: &Path, every: usize) -> Vec<String> {
     let text = std::fs::read_to_string(list).expect("a list of the data");
@@ -30,7 +32,7 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
     };
     SessionsEvaluation {
         scene,
-        anchors: vec![SessionAnchors::Image, SessionAnchors::World],
+        anchors: ANCHORS.to_vec(),
         motions: vec![Motion::Turning, Motion::Resting],
         frames: vec![4],
         gyro_deg: vec![0.0],
@@ -51,29 +53,29 @@ fn world_anchors_protect_a_session(data: &Path) {
     let document = evaluate_sessions(&kitchen(data), &()).expect("evaluated");
     println!("{}", veiloc_evaluation::attack_evaluation::sessions::table(&document));
     // The better of the methods, which an attacker can find on its own images.
-    let bits = |anchors: &str, motion: Motion, keypoints: &str| {
+    let bits = |anchors: SessionAnchors, motion: Motion, target: AttackedKeypoints| {
         let of = |r: &&SessionRow| {
-            (&*r.anchors, r.motion, r.attacked_keypoints(), r.frames) == (anchors, motion, keypoints, 4)
+            (r.condition.anchors, r.motion, r.target, r.frames) == (anchors, motion, target, 4)
         };
         let all: Vec<f64> = document.rows.iter().filter(of).filter_map(|r| r.bits_over_prior).collect();
-        assert!(!all.is_empty(), "{anchors} {motion} {keypoints}");
+        assert!(!all.is_empty(), "{anchors} {motion} {target:?}");
         all.into_iter().fold(f64::NEG_INFINITY, f64::max)
     };
     for motion in [Motion::Turning, Motion::Resting] {
-        let [image, world] = ["image", "world"].map(|anchors| bits(anchors, motion, "matched"));
+        let [image, world] = ANCHORS.map(|anchors| bits(anchors, motion, AttackedKeypoints::Matched));
         assert!(image > 0.5, "{motion}: the attack works: {image}");
         // A translating camera reveals the distance of a keypoint from the anchor's axis; a stationary one reveals
         // nothing.
         let most = if motion == Motion::Resting { 0.15 } else { 0.4 };
         assert!(world < most && world < 0.5 * image, "{motion}: {image} {world}");
         // Beside map points with known depth the distance carries more information: half of that without a session.
-        let [image, world] = ["image", "world"].map(|anchors| bits(anchors, motion, "private"));
+        let [image, world] = ANCHORS.map(|anchors| bits(anchors, motion, AttackedKeypoints::Private));
         let most = if motion == Motion::Resting { 0.15 } else { 0.6 * image };
         assert!(world < most, "{motion}: {image} {world}");
     }
     for frames in &document.frames {
-        assert_eq!(frames.summary.recall["0.05/5"], 1.0, "{}", frames.anchors);
-        assert_eq!(frames.starts, if frames.anchors == "image" { 6 } else { 1 });
+        assert_eq!(frames.summary.recall["0.05/5"], 1.0, "{}", frames.condition.anchors);
+        assert_eq!(frames.starts, if frames.condition.anchors == SessionAnchors::Image { 6 } else { 1 });
     }
     let [image, world] = [0, 1].map(|i| document.frames[i].summary.median_translation.expect("localized"));
     assert!(world < 1.5 * image, "{image} {world}");

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use veiloc_evaluation::SceneEvaluation;
+use veiloc_evaluation::attack_evaluation::AttackEvaluation;
 use veiloc_evaluation::attack_evaluation::adversaries::{
     AdversariesEvaluation, Adversary, adversaries_table, evaluate_adversaries,
 };
@@ -86,7 +87,20 @@ Example: veiloc eval keypoints photos -o photos.jsonl.gz
              --train photos.jsonl.gz";
 
 pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
-    let mut evaluation = AdversariesEvaluation::new();
+    let mut evaluation = AdversariesEvaluation {
+        attack: AttackEvaluation {
+            files: args.keypoints.clone(),
+            positions: args.positions.clone(),
+            k: args.k as usize,
+            seed: args.estimator.seed,
+            ..AttackEvaluation::default()
+        },
+        train: args.train.clone(),
+        network: args.model.clone(),
+        attacked: args.max_attacked.map(|n| n as usize),
+        slow_attacks: !args.quick,
+        ..AdversariesEvaluation::default()
+    };
     if let Some(scene) = args.posed_scene.given(false, ui)? {
         evaluation.scene = Some(SceneEvaluation {
             build: args.extraction.options()?,
@@ -96,20 +110,12 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             ..scene
         });
     }
-    evaluation.files.clone_from(&args.keypoints);
     if !args.schemes.is_empty() {
-        evaluation.schemes.clone_from(&args.schemes);
+        evaluation.attack.schemes.clone_from(&args.schemes);
     }
     if !args.adversaries.is_empty() {
         evaluation.adversaries.clone_from(&args.adversaries);
     }
-    evaluation.train.clone_from(&args.train);
-    evaluation.network.clone_from(&args.model);
-    evaluation.positions.clone_from(&args.positions);
-    evaluation.attacked = args.max_attacked.map(|n| n as usize);
-    evaluation.slow_attacks = !args.quick;
-    evaluation.k = args.k as usize;
-    evaluation.seed = args.estimator.seed;
     let document = evaluate_adversaries(&evaluation, &Stages::new(ui)).map_err(with_remedy)?;
     args.json.print(&adversaries_table(&document), &document, ui)?;
     Ok(Exit::Success)

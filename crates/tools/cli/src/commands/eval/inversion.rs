@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use veiloc_datasets::problem_files::keypoints_of_images;
+use veiloc_evaluation::attack_evaluation::AttackEvaluation;
 use veiloc_evaluation::attack_evaluation::inversion::{
     Classifier, Detector, ImageMetrics, InversionEvaluation, InversionNetwork, PerceptualDistance,
-    RealisticAttackOptions, evaluate_inversion, evaluation_table,
+    evaluate_inversion, evaluation_table,
 };
 use veiloc_protocol::{ExtractionLimits, Scheme};
 use veiloc_report::inversion_page;
@@ -112,16 +113,11 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let network = InversionNetwork::open(&args.network)?;
     let limits = ExtractionLimits { max_keypoints: args.max_keypoints, ..ExtractionLimits::default() };
     let metrics = metrics(args)?;
-    let mut realistic = RealisticAttackOptions {
-        train: args.train.clone(),
-        positions: args.positions.clone(),
-        map: Vec::new(),
-    };
     let stages = Stages::new(ui);
-    if let Some(list) = &args.map_list {
-        let paths = listed(&args.images, list)?;
-        realistic.map = keypoints_of_images(&paths, extractor.as_ref(), limits, &stages)?;
-    }
+    let map = match &args.map_list {
+        Some(list) => keypoints_of_images(&listed(&args.images, list)?, extractor.as_ref(), limits, &stages)?,
+        None => Vec::new(),
+    };
     let all = match &args.list {
         Some(list) => listed(&args.images, list)?,
         None => items::expand_readable(&args.images, ui)?.into_iter().map(|item| item.path).collect(),
@@ -129,13 +125,18 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     let most = args.limit.map_or(all.len(), |most| (most as usize).min(all.len()));
     let evaluation = InversionEvaluation {
         images: (0..most).map(|i| all[i * all.len() / most].clone()).collect(),
-        schemes: if args.schemes.is_empty() { Scheme::ALL.to_vec() } else { args.schemes.clone() },
+        attack: AttackEvaluation {
+            schemes: if args.schemes.is_empty() { Scheme::ALL.to_vec() } else { args.schemes.clone() },
+            positions: args.positions.clone(),
+            k: args.k as usize,
+            seed: args.seed,
+            ..AttackEvaluation::default()
+        },
+        train: args.train.clone(),
+        map,
         network: &network,
         extractor: extractor.as_ref(),
         limits,
-        realistic,
-        k: args.k as usize,
-        seed: args.seed,
         shown: args.show as usize,
     };
     let (document, sheets) = evaluate_inversion(&evaluation, &metrics, &stages)?;

@@ -1,6 +1,7 @@
 //! `--attack N` of the data-set commands: what each adversary recovers from the queries of each scene.
 
 use veiloc_evaluation::SceneEvaluation;
+use veiloc_evaluation::attack_evaluation::AttackEvaluation;
 use veiloc_evaluation::attack_evaluation::adversaries::{
     AdversariesDocument, AdversariesEvaluation, adversaries_table, evaluate_adversaries,
 };
@@ -37,20 +38,23 @@ impl AttackArgs {
         ui: &Ui,
     ) -> Result<(), Failure> {
         let Some(attacked) = self.attacked else { return Ok(()) };
-        let mut evaluation = AdversariesEvaluation::new();
-        evaluation.scene = Some(scene.clone());
-        // `points` hides nothing, so there is nothing to recover.
-        let hiding = scene.schemes.iter().filter(|scheme| !matches!(scheme, veiloc_protocol::Scheme::Points));
-        evaluation.schemes = hiding.copied().collect();
-        if evaluation.schemes.is_empty() || scene.query_list.is_empty() {
+        if !scene.schemes.iter().any(|scheme| scheme.hides_positions()) || scene.query_list.is_empty() {
             ui.warn(format!(
                 "{name}: nothing to attack: no scheme hides positions, or no query has a known pose"
             ));
             return Ok(());
         }
-        evaluation.attacked = Some(attacked as usize);
-        evaluation.k = self.attack_neighbours as usize;
-        evaluation.seed = scene.seed;
+        let evaluation = AdversariesEvaluation {
+            scene: Some(scene.clone()),
+            attack: AttackEvaluation {
+                schemes: scene.schemes.clone(),
+                k: self.attack_neighbours as usize,
+                seed: scene.seed,
+                ..AttackEvaluation::default()
+            },
+            attacked: Some(attacked as usize),
+            ..AdversariesEvaluation::default()
+        };
         let mut of_scene = evaluate_adversaries(&evaluation, &Stages::new(ui))?;
         for row in &mut of_scene.rows {
             name.clone_into(&mut row.data);
