@@ -12,11 +12,11 @@ use veiloc_localization::{LocalizeOptions, localize, localize_rig};
 use veiloc_map::colmap::read_model;
 use veiloc_map::{MapFile, MapLock, MapModel, PointId, PosedImages, SelfTest};
 use veiloc_mapping::build_cache::FolderCache;
-use veiloc_mapping::calibration::{
-    SelfTestOptions, SelfTestTrial, chosen, is_testable, self_test, summarize_trials, trials,
-};
+use veiloc_mapping::calibration::{SelfTestOptions, SelfTestTrial, chosen, self_test, trials};
 use veiloc_mapping::structure_from_motion::{SfmOptions, reconstruct};
-use veiloc_mapping::{BuildOptions, Input, MapWarning, OnOtherFrame, VocabularyUpdate};
+use veiloc_mapping::{
+    BuildOptions, FinishOptions, Input, MapWarning, OnOtherFrame, VocabularyUpdate, finish, finish_tested,
+};
 use veiloc_protocol::SealedQuery;
 
 use crate::answer::Answer;
@@ -38,7 +38,9 @@ use crate::profile::Profile;
 #[pyclass(frozen, module = "veiloc")]
 pub(crate) struct Map {
     file: Arc<MapFile>,
-    warnings: Vec<String>,
+    warnings: Vec<MapWarning>,
+    /// What was left out of the poses.
+    remarks: Vec<String>,
 }
 
 fn test_options(images: usize) -> SelfTestOptions {
@@ -48,29 +50,16 @@ fn test_options(images: usize) -> SelfTestOptions {
 }
 
 impl Map {
-    /// The map of a model that was built or changed, with a self-test if one is requested. `remarks`: what was left out
-    /// of the poses.
+    /// The map of a model that was built or changed. `remarks`: what was left out of the poses.
     fn finished(
         mut model: MapModel,
-        warnings: &[MapWarning],
+        mut warnings: Vec<MapWarning>,
         remarks: &[String],
-        with_test: bool,
+        options: FinishOptions,
         progress: &ProgressCallback,
     ) -> Result<Self> {
-        let mut alike = None;
-        if with_test && is_testable(&model) {
-            let options = SelfTestOptions::default();
-            let images = chosen(&model, &options);
-            let tried = trials(&model, &images, &options, progress).map_err(BindingError::map)?;
-            alike = MapWarning::of_trials(&model, &images, &tried);
-            model.self_test = Some(summarize_trials(&model, &tried, &options));
-        }
-        let warnings = warnings.iter().chain(&alike).map(ToString::to_string);
-        Self::of_model(&model, warnings.chain(remarks.iter().cloned()).collect())
-    }
-
-    fn of_model(model: &MapModel, warnings: Vec<String>) -> Result<Self> {
-        Ok(Self { file: Arc::new(MapFile::of_model(model)?), warnings })
+        finish(&mut model, &mut warnings, &options, progress)?;
+        Ok(Self { file: Arc::new(MapFile::of_model(&model)?), warnings, remarks: remarks.to_vec() })
     }
 }
 
@@ -88,6 +77,7 @@ impl Map {
     ///         that of the format of `posed`, if it defines one.
     ///     metres: the poses are in metres. Default: if the format of `posed` defines it.
     ///     self_test: localize some of the map's own images, to calibrate the covariances of its answers.
+    ///     keep_broken: return a map in which nothing can be localized, too.
     ///     skip_bad: skip images that cannot be used, instead of raising an error.
     ///     other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"`,
     ///         `"align"` (transform their poses) or `"accept"` (do not compare).
@@ -97,9 +87,9 @@ impl Map {
     ///
     /// Raises:
     ///     ImageError: an image cannot be used.
-    ///     MapError: the model cannot be read, or no map can be built from these images.
+    ///     MapError: the model cannot be read, no map can be built from these images, or nothing can be localized in it.
     #[staticmethod]
-    #[pyo3(signature = (posed, images, *, names=None, features="compact", down=None, metres=false, self_test=true, skip_bad=false, other_frame="refuse", work=None, progress=None))]
+    #[pyo3(signature = (posed, images, *, names=None, features="compact", down=None, metres=false, self_test=true, keep_broken=false, skip_bad=false, other_frame="refuse", work=None, progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn build(
         py: Python<'_>,
@@ -110,6 +100,7 @@ impl Map {
         down: Option<&Bound<'_, PyAny>>,
         metres: bool,
         self_test: bool,
+        keep_broken: bool,
         skip_bad: bool,
         other_frame: &str,
         work: Option<PathBuf>,
@@ -135,7 +126,13 @@ impl Map {
             cache.map_or(Ok(()), |cache| cache.finish()).map_err(BindingError::map)?;
             model.down = down;
             model.is_metric = metres || is_metric;
-            Self::finished(model, &report.warnings, posed.remarks(), self_test, progress)
+            Self::finished(
+                model,
+                report.warnings,
+                posed.remarks(),
+                FinishOptions { self_test, keep_broken },
+                progress,
+            )
         })?
     }
 
@@ -148,7 +145,7 @@ impl Map {
     ///     work: folder that keeps the database and models of COLMAP, and features and matches of the map, so that an
     ///         interrupted build continues. It holds keypoints and descriptors of the images.
     ///     names: use only these images.
-    ///     features, down, self_test, skip_bad, progress: as for `build`.
+    ///     features, down, self_test, keep_broken, skip_bad, progress: as for `build`.
     ///     matching: `"exhaustive"` (all pairs), `"sequential"` (frames of a video) or `"auto"`.
     ///     python: the Python that has pycolmap. Default: this one.
     ///
@@ -156,7 +153,7 @@ impl Map {
     ///     ImageError: an image cannot be used.
     ///     MapError: pycolmap is not installed or fails, or no map can be built from these images.
     #[staticmethod]
-    #[pyo3(signature = (images, work, *, names=None, features="compact", down=None, self_test=true, skip_bad=false, matching="auto", python=None, progress=None))]
+    #[pyo3(signature = (images, work, *, names=None, features="compact", down=None, self_test=true, keep_broken=false, skip_bad=false, matching="auto", python=None, progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn from_images(
         py: Python<'_>,
@@ -166,6 +163,7 @@ impl Map {
         features: &str,
         down: Option<&Bound<'_, PyAny>>,
         self_test: bool,
+        keep_broken: bool,
         skip_bad: bool,
         matching: &str,
         python: Option<PathBuf>,
@@ -192,7 +190,13 @@ impl Map {
                 format!("{}: a model of {images} images that is not connected is not used", model.display())
             });
             let remarks: Vec<String> = without_pose.chain(others).collect();
-            Self::finished(model, &report.warnings, &remarks, self_test, progress)
+            Self::finished(
+                model,
+                report.warnings,
+                &remarks,
+                FinishOptions { self_test, keep_broken },
+                progress,
+            )
         })?
     }
 
@@ -200,7 +204,7 @@ impl Map {
     ///
     /// Args:
     ///     model: folder of the model, text or binary.
-    ///     images, features, down, self_test, skip_bad, progress: as for `build`.
+    ///     images, features, down, self_test, keep_broken, skip_bad, progress: as for `build`.
     ///     metres: lengths of the model are in metres.
     ///     other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"` or
     ///         `"accept"`. To transform it, use `build` with `other_frame="align"`.
@@ -208,7 +212,7 @@ impl Map {
     /// Raises:
     ///     MapError, ImageError: as for `build`.
     #[staticmethod]
-    #[pyo3(signature = (model, images, *, features="compact", down=None, metres=false, self_test=true, skip_bad=false, other_frame="refuse", progress=None))]
+    #[pyo3(signature = (model, images, *, features="compact", down=None, metres=false, self_test=true, keep_broken=false, skip_bad=false, other_frame="refuse", progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn from_colmap(
         py: Python<'_>,
@@ -218,6 +222,7 @@ impl Map {
         down: Option<&Bound<'_, PyAny>>,
         metres: bool,
         self_test: bool,
+        keep_broken: bool,
         skip_bad: bool,
         other_frame: &str,
         progress: Option<Py<PyAny>>,
@@ -239,7 +244,13 @@ impl Map {
             let (mut model, report) = veiloc_mapping::import(&colmap, &input, &options, progress)?;
             model.down = down;
             model.is_metric = metres;
-            Self::finished(model, &report.warnings, posed.remarks(), self_test, progress)
+            Self::finished(
+                model,
+                report.warnings,
+                posed.remarks(),
+                FinishOptions { self_test, keep_broken },
+                progress,
+            )
         })?
     }
 
@@ -250,7 +261,7 @@ impl Map {
     #[staticmethod]
     fn open(py: Python<'_>, path: PathBuf) -> Result<Self> {
         let file = py.detach(|| MapFile::open(&path))?;
-        Ok(Self { file: Arc::new(file), warnings: Vec::new() })
+        Ok(Self { file: Arc::new(file), warnings: Vec::new(), remarks: Vec::new() })
     }
 
     /// Writes the map to a file atomically: a failure leaves the old file unchanged.
@@ -264,13 +275,13 @@ impl Map {
     /// Returns the map with more posed images; the profile stays the same.
     ///
     /// Args:
-    ///     posed, images, names, self_test, skip_bad, progress: as for `build`; the poses are in the map's frame.
+    ///     posed, images, names, self_test, keep_broken, skip_bad, progress: as for `build`; the poses are in the map's frame.
     ///     other_frame: as for `build`; the images are localized in the map before they are added.
     ///
     /// Raises:
     ///     ImageError: an image cannot be used.
     ///     MapError: the poses cannot be read, or an image is in the map already.
-    #[pyo3(signature = (posed, images, *, names=None, self_test=true, skip_bad=false, other_frame="refuse", progress=None))]
+    #[pyo3(signature = (posed, images, *, names=None, self_test=true, keep_broken=false, skip_bad=false, other_frame="refuse", progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn add(
         &self,
@@ -279,6 +290,7 @@ impl Map {
         images: PathBuf,
         names: Option<Vec<String>>,
         self_test: bool,
+        keep_broken: bool,
         skip_bad: bool,
         other_frame: &str,
         progress: Option<Py<PyAny>>,
@@ -293,7 +305,13 @@ impl Map {
             }
             let mut model = self.file.to_model();
             let report = veiloc_mapping::add(&mut model, &input, progress)?;
-            Self::finished(model, &report.warnings, posed.remarks(), self_test, progress)
+            Self::finished(
+                model,
+                report.warnings,
+                posed.remarks(),
+                FinishOptions { self_test, keep_broken },
+                progress,
+            )
         })?
     }
 
@@ -302,25 +320,25 @@ impl Map {
     /// Args:
     ///     names: names of the images to remove.
     ///     retrain: train the vocabulary again without them; this changes the profile.
-    ///     self_test, progress: as for `build`.
+    ///     self_test, keep_broken, progress: as for `build`.
     ///
     /// Raises:
     ///     MapError: a name is not in the map.
-    #[pyo3(signature = (names, *, retrain=false, self_test=true, progress=None))]
+    #[pyo3(signature = (names, *, retrain=false, self_test=true, keep_broken=false, progress=None))]
     fn remove(
         &self,
         py: Python<'_>,
         names: Vec<String>,
         retrain: bool,
         self_test: bool,
+        keep_broken: bool,
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
         let words = if retrain { VocabularyUpdate::Retrain } else { VocabularyUpdate::Keep };
         ProgressCallback::new(py, progress)?.run(py, |progress| {
             let mut model = self.file.to_model();
             veiloc_mapping::remove(&mut model, &names, words, progress)?;
-            model.self_test = None;
-            Self::finished(model, &[], &[], self_test, progress)
+            Self::finished(model, Vec::new(), &[], FinishOptions { self_test, keep_broken }, progress)
         })?
     }
 
@@ -395,11 +413,19 @@ impl Map {
     /// Args:
     ///     shares: the results of `self_test_share` for all shares, in any order.
     ///     images: the same value as for `self_test_share`.
+    ///     keep_broken: as for `build`.
     ///
     /// Raises:
+    ///     MapError: nothing can be localized in the map.
     ///     InputError: an image of the test is missing or occurs twice.
-    #[pyo3(signature = (shares, *, images=50))]
-    fn with_self_test(&self, py: Python<'_>, shares: Vec<Vec<ImageParts>>, images: usize) -> Result<Self> {
+    #[pyo3(signature = (shares, *, images=50, keep_broken=false))]
+    fn with_self_test(
+        &self,
+        py: Python<'_>,
+        shares: Vec<Vec<ImageParts>>,
+        images: usize,
+        keep_broken: bool,
+    ) -> Result<Self> {
         let options = test_options(images);
         let mut parts: Vec<ImageParts> = shares.into_iter().flatten().collect();
         parts.sort_by_key(|(image, _)| *image);
@@ -415,9 +441,10 @@ impl Map {
                     wanted.len()
                 )));
             }
-            model.self_test = Some(summarize_trials(&model, &tried, &options));
-            let alike = MapWarning::of_trials(&model, &tested, &tried).map(|warning| warning.to_string());
-            Self::of_model(&model, self.warnings.iter().cloned().chain(alike).collect())
+            let mut warnings = self.warnings.clone();
+            finish_tested(&mut model, &mut warnings, &options, &tried, keep_broken)?;
+            let file = Arc::new(MapFile::of_model(&model)?);
+            Ok(Self { file, warnings, remarks: self.remarks.clone() })
         })
     }
 
@@ -545,7 +572,7 @@ impl Map {
     /// Warnings from when the map was built or changed.
     #[getter]
     fn warnings(&self) -> Vec<String> {
-        self.warnings.clone()
+        self.warnings.iter().map(ToString::to_string).chain(self.remarks.iter().cloned()).collect()
     }
 
     /// Top view of the map for notebooks: its points and the cameras of its images.

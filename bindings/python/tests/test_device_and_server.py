@@ -61,6 +61,16 @@ def test_metres_are_known_if_they_are_given(rendered, tmp_path):
     assert veiloc.Map.open(tmp_path / "metric.vmap").is_metric
 
 
+def test_map_in_which_nothing_can_be_localized_is_refused(rendered):
+    inverted = [(name, camera, veiloc.CameraPose(R=pose.R.T, t=-pose.R.T @ pose.t)) for name, camera, pose in rendered.mapped]
+    with pytest.raises(veiloc.MapError, match="nothing can be localized(.|\n)*camera-to-world"):
+        veiloc.Map.build(inverted, rendered.images)
+    broken = veiloc.Map.build(inverted, rendered.images, keep_broken=True)
+    assert any("camera-to-world" in warning for warning in broken.warnings)
+    with pytest.raises(veiloc.MapError, match="nothing can be localized"):
+        broken.remove(broken.image_names[:1])
+
+
 def test_map_add_remove_and_svg(rendered):
     model, names = rendered.map, rendered.map.image_names
     assert len(model) == len(names) == len(model.poses) == len(rendered.mapped)

@@ -11,7 +11,7 @@ use std::path::Path;
 use veiloc::device::{SealOptions, SealedQuery, seal_image};
 use veiloc::geometry::{CameraFromWorld, Intrinsics};
 use veiloc::server::{
-    BuildOptions, Input, LocalizeOptions, MapFile, PosedImages, SelfTestOptions, build, localize, self_test,
+    BuildOptions, FinishOptions, Input, LocalizeOptions, MapFile, PosedImages, build, finish, localize,
     write_map,
 };
 
@@ -37,13 +37,13 @@ pub(crate) fn run() -> Result<Vec<f64>, Box<dyn Error>> {
 
 /// The operator: posed images to a map file.
 fn build_map(posed: &PosedImages, images: &Path, map: &Path) -> Result<(), Box<dyn Error>> {
-    let (mut model, report) = build(&Input::new(posed, images), &BuildOptions::default(), &())?;
+    let (mut model, mut report) = build(&Input::new(posed, images), &BuildOptions::default(), &())?;
+    // The map localizes its own images, which calibrates the covariances of its answers.
+    finish(&mut model, &mut report.warnings, &FinishOptions::default(), &())?;
     for warning in &report.warnings {
         println!("warning: {warning}");
     }
     println!("{} images, {} points", model.images.len(), model.points.len());
-    // The map localizes its own images, which calibrates the covariances of its answers.
-    model.self_test = Some(self_test(&model, &SelfTestOptions::default(), &())?);
     Ok(write_map(&model, map)?)
 }
 

@@ -20,7 +20,8 @@
 //! use veiloc::device::{DeviceLimits, SealOptions, SealedQuery, seal_image};
 //! use veiloc::geometry::{CameraFromWorld, Intrinsics};
 //! use veiloc::server::{
-//!     BuildOptions, GravityDirection, Input, LocalizeOptions, MapFile, PosedImage, PosedImages, build, localize, write_map,
+//!     BuildOptions, FinishOptions, GravityDirection, Input, LocalizeOptions, MapFile, PosedImage, PosedImages, build,
+//!     finish, localize, write_map,
 //! };
 //! # use veiloc_synthetic::{PathOptions, RenderOptions, RenderedRoom};
 //!
@@ -38,10 +39,11 @@
 //! // The operator: posed images to a map file.
 //! let posed = |(name, cam_from_world)| PosedImage { name, camera, cam_from_world, seen: Vec::new() };
 //! let posed = PosedImages::new(mapped.into_iter().map(posed).collect(), Vec::new())?;
-//! let (mut model, report) = build(&Input::new(&posed, folder.path()), &BuildOptions::default(), &())?;
-//! assert!(report.warnings.is_empty());
+//! let (mut model, mut report) = build(&Input::new(&posed, folder.path()), &BuildOptions::default(), &())?;
 //! // As far as that is known: for devices that feel gravity.
 //! model.down = Some(GravityDirection::new([0.0, 0.0, -1.0])?);
+//! finish(&mut model, &mut report.warnings, &FinishOptions::default(), &())?;
+//! assert!(report.warnings.is_empty());
 //! write_map(&model, &folder.path().join("place.vmap"))?;
 //!
 //! // The device: it needs the map's profile, which holds no map data.

@@ -1,10 +1,8 @@
 //! The server side: posed images to a map, and a sealed query with a map to a pose.
 //!
-//! `self_test` calibrates a map before it is stored: its result is [`MapModel::self_test`], as in `veiloc map build`;
-//! without it, answers have the covariances of other maps.
-//!
-//! [`build`], [`add`] and [`remove`] create and change a map, [`write_map`] and [`MapFile`] store it, [`localize`]
-//! uses it. The HTTP service is the crate `veiloc-service`. Building a map extracts features from map images;
+//! [`build`], [`add`] and [`remove`] create and change a map, and [`finish`] tests it, as in `veiloc map build`: this
+//! calibrates the covariances of its answers, and a map in which nothing can be localized is refused. [`write_map`] and
+//! [`MapFile`] store it, [`localize`] uses it. The HTTP service is the crate `veiloc-service`. Building a map extracts features from map images;
 //! localization depends on no type that could hold a keypoint of a query.
 
 pub use veiloc_features::{Extractor, Extractors, Progress};
@@ -14,8 +12,8 @@ pub use veiloc_map::{
     GravityDirection, GravityDirectionError, MapError, MapFile, MapModel, PosedImage, PosedImages,
     write as write_map,
 };
-pub use veiloc_mapping::calibration::{SelfTest, SelfTestOptions, self_test};
 pub use veiloc_mapping::{
-    BuildOptions, BuildReport, Input, MappingError, OnBadImage, VocabularyUpdate, add, build, import, remove,
+    BuildOptions, BuildReport, FinishOptions, Input, MappingError, OnBadImage, VocabularyUpdate, add, build,
+    finish, import, remove,
 };
 pub use veiloc_protocol::{Profile, SealedQuery};

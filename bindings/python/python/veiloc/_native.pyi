@@ -296,6 +296,7 @@ class Map:
         down: npt.ArrayLike | str | None = None,
         metres: bool = False,
         self_test: bool = True,
+        keep_broken: bool = False,
         skip_bad: bool = False,
         other_frame: Literal["refuse", "align", "accept"] = "refuse",
         work: Path | None = None,
@@ -313,6 +314,7 @@ class Map:
                 that of the format of `posed`, if it defines one.
             metres: the poses are in metres. Default: if the format of `posed` defines it.
             self_test: localize some of the map's own images, to calibrate the covariances of its answers.
+            keep_broken: return a map in which nothing can be localized, too.
             skip_bad: skip images that cannot be used, instead of raising an error.
             other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"`,
                 `"align"` (transform their poses) or `"accept"` (do not compare).
@@ -322,7 +324,7 @@ class Map:
 
         Raises:
             ImageError: an image cannot be used.
-            MapError: the model cannot be read, or no map can be built from these images.
+            MapError: the model cannot be read, no map can be built from these images, or nothing can be localized in it.
         """
     @staticmethod
     def from_images(
@@ -333,6 +335,7 @@ class Map:
         features: Features = "compact",
         down: npt.ArrayLike | str | None = None,
         self_test: bool = True,
+        keep_broken: bool = False,
         skip_bad: bool = False,
         matching: Literal["auto", "exhaustive", "sequential"] = "auto",
         python: Path | None = None,
@@ -347,7 +350,7 @@ class Map:
             work: folder that keeps the database and models of COLMAP, and features and matches of the map, so that an
                 interrupted build continues. It holds keypoints and descriptors of the images.
             names: use only these images.
-            features, down, self_test, skip_bad, progress: as for `build`.
+            features, down, self_test, keep_broken, skip_bad, progress: as for `build`.
             matching: `"exhaustive"` (all pairs), `"sequential"` (frames of a video) or `"auto"`.
             python: the Python that has pycolmap. Default: this one.
 
@@ -364,6 +367,7 @@ class Map:
         down: npt.ArrayLike | str | None = None,
         metres: bool = False,
         self_test: bool = True,
+        keep_broken: bool = False,
         skip_bad: bool = False,
         other_frame: Literal["refuse", "accept"] = "refuse",
         progress: Progress | None = None,
@@ -372,7 +376,7 @@ class Map:
 
         Args:
             model: folder of the model, text or binary.
-            images, features, down, self_test, skip_bad, progress: as for `build`.
+            images, features, down, self_test, keep_broken, skip_bad, progress: as for `build`.
             metres: lengths of the model are in metres.
             other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"` or
                 `"accept"`. To transform it, use `build` with `other_frame="align"`.
@@ -400,6 +404,7 @@ class Map:
         *,
         names: Sequence[str] | None = None,
         self_test: bool = True,
+        keep_broken: bool = False,
         skip_bad: bool = False,
         other_frame: Literal["refuse", "align", "accept"] = "refuse",
         progress: Progress | None = None,
@@ -407,7 +412,7 @@ class Map:
         """Returns the map with more posed images; the profile stays the same.
 
         Args:
-            posed, images, names, self_test, skip_bad, progress: as for `build`; the poses are in the map's frame.
+            posed, images, names, self_test, keep_broken, skip_bad, progress: as for `build`; the poses are in the map's frame.
             other_frame: as for `build`; the images are localized in the map before they are added.
 
         Raises:
@@ -420,6 +425,7 @@ class Map:
         *,
         retrain: bool = False,
         self_test: bool = True,
+        keep_broken: bool = False,
         progress: Progress | None = None,
     ) -> Map:
         """Returns the map without these images, their keypoints, and the points that only they observe.
@@ -427,7 +433,7 @@ class Map:
         Args:
             names: names of the images to remove.
             retrain: train the vocabulary again without them; this changes the profile.
-            self_test, progress: as for `build`.
+            self_test, keep_broken, progress: as for `build`.
 
         Raises:
             MapError: a name is not in the map.
@@ -466,14 +472,18 @@ class Map:
             MapError: no query can be sealed for the map.
             InputError: `share` is invalid.
         """
-    def with_self_test(self, shares: Sequence[Sequence[Any]], *, images: int = 50) -> Map:
+    def with_self_test(
+        self, shares: Sequence[Sequence[Any]], *, images: int = 50, keep_broken: bool = False
+    ) -> Map:
         """Returns the map with a self-test that was run in shares. The result equals that of a test in one process.
 
         Args:
             shares: the results of `self_test_share` for all shares, in any order.
             images: the same value as for `self_test_share`.
+            keep_broken: as for `build`.
 
         Raises:
+            MapError: nothing can be localized in the map.
             InputError: an image of the test is missing or occurs twice.
         """
     def localize(

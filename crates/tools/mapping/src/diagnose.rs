@@ -19,7 +19,7 @@ use crate::view::View;
 /// agree, or if no hypothesis explains them much better.
 ///
 /// Each call matches some dozen image pairs: use it for maps that already have a warning.
-pub fn diagnose(model: &MapModel) -> Option<MapWarning> {
+pub(crate) fn diagnose(model: &MapModel) -> Option<MapWarning> {
     let scene = Scene::of(model, &model.settings);
     let globals: Vec<&GlobalDescriptor> = model.images.iter().map(|i| &i.global).collect();
     let pairs = pairs_by_similarity(&globals);

@@ -10,6 +10,7 @@ use veiloc_obfuscation::SealError;
 use veiloc_protocol::QueryError;
 
 use crate::bad_image::BadImages;
+use crate::finish::BrokenMap;
 use crate::frames::OtherFrame;
 use crate::importers::poses::PoseFormat;
 use crate::report::MapWarning;
@@ -42,6 +43,9 @@ pub enum MappingError {
     /// Images cannot be used.
     #[error("{0}")]
     BadImages(BadImages),
+    /// Nothing can be localized in a map that was made or changed.
+    #[error("{0}")]
+    Broken(BrokenMap),
     /// The poses of images are in another frame than the rest of the map.
     #[error("{}", other_frames(groups))]
     OtherFrame {

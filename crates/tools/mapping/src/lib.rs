@@ -16,7 +16,7 @@
 //! - [`compress`]: keeps the most useful points, each with a few of its descriptors.
 //! - [`coverage`]: where in a place, and how exactly, a camera is expected to be localized.
 //! - [`HoldOutMap`]: the map without some of its images.
-//! - [`diagnose`]: the likely reason why images are inconsistent.
+//! - [`finish`]: the end of all of them: tests the map, which calibrates its ±, and refuses a broken one.
 //! - [`structure_from_motion`]: poses of images without poses, by pycolmap or COLMAP.
 //! - [`importers::poses`]: poses of other programs.
 //! - [`BuildReport`]: the result of a build, and every [`MapWarning`] about the map.
@@ -26,11 +26,12 @@
 //! ```no_run
 //! use std::path::Path;
 //! use veiloc_map::colmap::read_posed;
-//! use veiloc_mapping::{BuildOptions, Input, OnBadImage, build};
+//! use veiloc_mapping::{BuildOptions, FinishOptions, Input, OnBadImage, build, finish};
 //!
 //! let posed = read_posed(Path::new("hall/sparse"))?;
 //! let input = Input::new(&posed, Path::new("hall/images")).on_bad_image(OnBadImage::Skip);
-//! let (map, report) = build(&input, &BuildOptions::default(), &())?;
+//! let (mut map, mut report) = build(&input, &BuildOptions::default(), &())?;
+//! finish(&mut map, &mut report.warnings, &FinishOptions::default(), &())?;
 //! for warning in &report.warnings {
 //!     println!("warning: {warning}");
 //! }
@@ -66,6 +67,7 @@ pub mod coverage;
 mod diagnose;
 mod error;
 mod extract;
+mod finish;
 mod frames;
 mod hold_out;
 mod image_names;
@@ -91,8 +93,8 @@ pub use build::build;
 pub use cache::{BuildCache, ExtractedFeatures, FeatureRequest};
 pub use change::{VocabularyUpdate, add, remove};
 pub use compress::{CompressOptions, CompressedMap, compress};
-pub use diagnose::diagnose;
 pub use error::MappingError;
+pub use finish::{BrokenMap, FinishOptions, finish, finish_tested, refuse_broken_compressed};
 pub use frames::{FrameReport, OnOtherFrame, OtherFrame, Similarity3};
 pub use hold_out::HoldOutMap;
 pub use image_names::{NameIndex, image_file, mask_file};

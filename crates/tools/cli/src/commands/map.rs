@@ -27,7 +27,7 @@ use veiloc_mapping::{Input, MappingError, NameIndex, OnBadImage, VocabularyUpdat
 
 use self::frame::FrameArgs;
 use self::info::InfoOutput;
-use self::self_test::{KeepBrokenArgs, SelfTestArgs};
+use self::self_test::FinishArgs;
 use self::sfm::{SfmArgs, SfmModels};
 use crate::commands::frame_check::{FrameCheckArgs, REMEDY_OF_LOOK_ALIKES};
 use crate::commands::posed::{read_posed_input, warn_of};
@@ -158,9 +158,7 @@ pub(crate) struct BuildArgs {
     #[command(flatten)]
     extraction: ExtractionArgs,
     #[command(flatten)]
-    self_test: SelfTestArgs,
-    #[command(flatten)]
-    keep: KeepBrokenArgs,
+    finish: FinishArgs,
     #[command(flatten)]
     pairs: PairArgs,
     #[command(flatten)]
@@ -204,9 +202,7 @@ pub(crate) struct ImportArgs {
     #[command(flatten)]
     extraction: ExtractionArgs,
     #[command(flatten)]
-    self_test: SelfTestArgs,
-    #[command(flatten)]
-    keep: KeepBrokenArgs,
+    finish: FinishArgs,
     #[command(flatten)]
     written: OutputArgs,
 }
@@ -246,7 +242,7 @@ pub(crate) struct AddArgs {
     #[command(flatten)]
     frame: FrameArgs,
     #[command(flatten)]
-    self_test: SelfTestArgs,
+    finish: FinishArgs,
     /// The map file to write. Default: the map itself.
     #[arg(long, short, value_name = "FILE")]
     out: Option<OutFile>,
@@ -271,7 +267,7 @@ pub(crate) struct RemoveArgs {
     #[arg(long)]
     retrain: bool,
     #[command(flatten)]
-    self_test: SelfTestArgs,
+    finish: FinishArgs,
     /// The map file to write. Default: the map itself.
     #[arg(long, short, value_name = "FILE")]
     out: Option<OutFile>,
@@ -383,8 +379,7 @@ fn build_one(args: &BuildArgs, posed_input: &PosedInput<'_>, out: &Path, ui: &Ui
     }
     model.down = args.written.down.or(posed_input.down);
     model.is_metric = args.written.metres || posed_input.is_metric;
-    args.self_test.test(&mut model, &mut report.warnings, ui)?;
-    args.keep.allow(&model, &report.warnings, out, ui)?;
+    args.finish.finish(&mut model, &mut report.warnings, out, ui)?;
     veiloc_map::write(&model, out)?;
     let output = InfoOutput {
         json: args.written.json,
@@ -445,8 +440,7 @@ fn import(args: &ImportArgs, ui: &Ui) -> Outcome {
     model.down = args.written.down;
     model.is_metric = args.written.metres;
     ui.info(&report);
-    args.self_test.test(&mut model, &mut report.warnings, ui)?;
-    args.keep.allow(&model, &report.warnings, &args.written.out, ui)?;
+    args.finish.finish(&mut model, &mut report.warnings, &args.written.out, ui)?;
     veiloc_map::write(&model, &args.written.out)?;
     let output = InfoOutput {
         json: args.written.json,
@@ -470,7 +464,7 @@ fn add(args: &AddArgs, ui: &Ui) -> Outcome {
         input = input.with_global(global);
     }
     let mut report = veiloc_mapping::add(&mut model, &input, &Stages::new(ui)).map_err(with_remedy)?;
-    args.self_test.test(&mut model, &mut report.warnings, ui)?;
+    args.finish.finish(&mut model, &mut report.warnings, edit.out, ui)?;
     edit.write(&model)?;
     let output = InfoOutput {
         json: args.json,
@@ -489,7 +483,7 @@ fn remove(args: &RemoveArgs, ui: &Ui) -> Outcome {
     let profile = model.profile.id();
     veiloc_mapping::remove(&mut model, &args.names, words, &Stages::new(ui))?;
     let mut warnings = Vec::new();
-    args.self_test.test(&mut model, &mut warnings, ui)?;
+    args.finish.finish(&mut model, &mut warnings, edit.out, ui)?;
     edit.write(&model)?;
     ui.info(match words {
         VocabularyUpdate::Keep => {

@@ -6,6 +6,8 @@ use std::fs;
 
 use common::{MAP_VIEWS, TestScene, keys, scene};
 use serde_json::Value;
+use veiloc_geometry::CameraFromWorld;
+use veiloc_map::MapFile;
 
 /// A copy of the map in a separate folder, to be changed.
 fn copy(scene: &TestScene, folder: &str) -> String {
@@ -175,6 +177,32 @@ fn inverted_poses_are_diagnosed_and_old_map_stays() {
     assert_eq!(run.code, Some(1), "{run}");
     assert!(run.stderr.contains("poses seem to be camera-to-world"), "{run}");
     assert_eq!(scene.read("turned.vmap"), b"a good map");
+}
+
+/// A map in which nothing can be localized is refused by every command that writes a map, not only by the one that
+/// made it.
+#[test]
+fn every_command_refuses_a_broken_map() {
+    let scene = scene();
+    let mut model = MapFile::open(&scene.path("place.vmap")).expect("a map").to_model();
+    for image in &mut model.images {
+        let pose = image.cam_from_world.inverse();
+        image.cam_from_world = CameraFromWorld::new(*pose.rotation(), *pose.translation());
+    }
+    veiloc_map::write(&model, &scene.path("broken.vmap")).expect("written");
+    scene.write("one.txt", "map-00.png\n");
+    let broken = scene.read("broken.vmap");
+    for command in [
+        "map remove broken.vmap map-00.png",
+        "map align broken.vmap --level",
+        "map add broken.vmap --posed posed --images images --list one.txt --prefix again/ --no-frame-check",
+        "map compress broken.vmap --ratio 2 -o broken.vmap",
+    ] {
+        let run = scene.run(command);
+        assert_eq!(run.code, Some(1), "{command}: {run}");
+        assert!(run.stderr.contains("nothing can be localized in this map"), "{command}: {run}");
+        assert!(scene.read("broken.vmap") == broken, "{command}");
+    }
 }
 
 /// An unusable map is refused with the cause, and written with --keep-broken.

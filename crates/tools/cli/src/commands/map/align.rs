@@ -10,7 +10,7 @@ use veiloc_report::significant;
 
 use super::MapEdit;
 use super::info::InfoOutput;
-use super::self_test::SelfTestArgs;
+use super::self_test::FinishArgs;
 use crate::commands::posed::read_posed_input;
 use crate::exit::{Failure, Outcome};
 use crate::output::position::unit_of;
@@ -58,7 +58,7 @@ pub(crate) struct AlignArgs {
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, requires = "level")]
     down: Option<GravityDirection>,
     #[command(flatten)]
-    self_test: SelfTestArgs,
+    finish: FinishArgs,
     /// The map file to write. Default: the map itself.
     #[arg(long, short, value_name = "FILE")]
     out: Option<OutFile>,
@@ -173,7 +173,7 @@ pub(super) fn run(args: &AlignArgs, ui: &Ui) -> Outcome {
     align::transform(&mut model, &similarity)?;
     model.is_metric = is_metric;
     let mut warnings = Vec::new();
-    args.self_test.test(&mut model, &mut warnings, ui)?;
+    args.finish.finish(&mut model, &mut warnings, edit.out, ui)?;
     edit.write(&model)?;
     alignment.print(unit_of(is_metric), ui);
     InfoOutput { json: args.json, warnings, alignment: Some(alignment), ..InfoOutput::default() }

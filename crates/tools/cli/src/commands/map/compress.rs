@@ -7,6 +7,7 @@ use veiloc_mapping::calibration::{SelfTestOptions, is_testable, self_test_compre
 use veiloc_mapping::{CompressOptions, CompressedMap, compress};
 
 use super::info::InfoOutput;
+use super::self_test::FinishArgs;
 use crate::exit::{Failure, Outcome};
 use crate::stages::Stages;
 use crate::targets::OutFile;
@@ -29,15 +30,13 @@ pub(crate) struct CompressArgs {
     size: Option<f64>,
     /// Find the smallest map whose self-test recall is at most this many percentage points below the whole map's. Runs
     /// several self-tests. Default: what --ratio says.
-    #[arg(long, value_name = "POINTS")]
+    #[arg(long, value_name = "POINTS", conflicts_with = "no_self_test")]
     recall_loss: Option<f64>,
     /// Maximum number of descriptors per point.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
     descriptors: u32,
-    /// Do not test the compressed map with the images of the whole one: no recall, and covariances calibrated with
-    /// those of other maps. Default: it is tested.
-    #[arg(long, conflicts_with = "recall_loss")]
-    no_self_test: bool,
+    #[command(flatten)]
+    finish: FinishArgs,
     /// The map file to write.
     #[arg(long, short, value_name = "FILE")]
     out: OutFile,
@@ -56,7 +55,7 @@ pub(super) fn run(args: &CompressArgs, ui: &Ui) -> Outcome {
     let small = match args.recall_loss {
         None => {
             let mut small = compress(&whole, &options, &stages)?;
-            if !args.no_self_test && is_testable(&whole) {
+            if args.finish.is_tested() && is_testable(&whole) {
                 let test = self_test_compressed(&whole, &small, &SelfTestOptions::default(), &stages)?;
                 small.model.self_test = Some(test);
             }
@@ -64,6 +63,7 @@ pub(super) fn run(args: &CompressArgs, ui: &Ui) -> Outcome {
         }
         Some(points) => args.smallest(&whole, points, &options, &stages)?,
     };
+    args.finish.check_compressed(&whole, &small.model, &args.out, ui)?;
     veiloc_map::write(&small.model, &args.out)?;
     InfoOutput { json: args.json, ..InfoOutput::default() }.print(&args.out, ui)
 }

@@ -8,7 +8,7 @@ use veiloc_mapping::{MapWarning, merge};
 use super::MapEdit;
 use super::align::AlignmentInfo;
 use super::info::InfoOutput;
-use super::self_test::SelfTestArgs;
+use super::self_test::FinishArgs;
 use crate::exit::{Failure, Outcome};
 use crate::output::position::unit_of;
 use crate::stages::Stages;
@@ -35,7 +35,7 @@ pub(crate) struct MergeArgs {
     #[arg(long)]
     keep_loose: bool,
     #[command(flatten)]
-    self_test: SelfTestArgs,
+    finish: FinishArgs,
     /// The map file to write. Default: the first map.
     #[arg(long, short, value_name = "FILE")]
     out: Option<OutFile>,
@@ -56,7 +56,7 @@ pub(super) fn run(args: &MergeArgs, ui: &Ui) -> Outcome {
             "merge them nevertheless with --keep-loose",
         ));
     }
-    args.self_test.test(&mut model, &mut report.build.warnings, ui)?;
+    args.finish.finish(&mut model, &mut report.build.warnings, edit.out, ui)?;
     edit.write(&model)?;
     ui.info(format_args!("{}: {}", args.other.display(), report.frame));
     if let (Some(inverse), Some(closure)) = (&report.inverse, report.closure) {

@@ -6,118 +6,68 @@ use std::path::Path;
 use serde::Serialize;
 use veiloc_evaluation::results::text_table::TextTable;
 use veiloc_map::{ABSOLUTE, ConfidenceCoverage, LEVELS, MapModel, RELATIVE, SchemeTest, SelfTest};
-use veiloc_mapping::calibration::{SelfTestOptions, chosen, is_testable, summarize_trials, trials};
-use veiloc_mapping::{MapWarning, diagnose};
+use veiloc_mapping::{BrokenMap, FinishOptions, MapWarning, MappingError, finish, refuse_broken_compressed};
 use veiloc_report::significant;
 
 use crate::exit::Failure;
 use crate::stages::Stages;
 use crate::ui::Ui;
 
-/// Whether the map is tested.
+/// How the map is finished.
 #[derive(clap::Args)]
-pub(super) struct SelfTestArgs {
+pub(super) struct FinishArgs {
     /// Do not localize the map's own images at the end: no recall, and covariances calibrated with those of other maps.
     #[arg(long)]
     no_self_test: bool,
-}
-
-impl SelfTestArgs {
-    /// Tests the map, stores the result in it, and adds the warnings that follow from it.
-    pub(super) fn test(
-        &self,
-        model: &mut MapModel,
-        warnings: &mut Vec<MapWarning>,
-        ui: &Ui,
-    ) -> Result<(), Failure> {
-        model.self_test = None;
-        if self.no_self_test || !is_testable(model) {
-            return Ok(());
-        }
-        let options = SelfTestOptions::default();
-        let images = chosen(model, &options);
-        let trials = trials(model, &images, &options, &Stages::new(ui))?;
-        let test = summarize_trials(model, &trials, &options);
-        let alike = MapWarning::of_trials(model, &images, &trials);
-        // Images that were localized in the other one of two such places have poses without a mistake.
-        let explains = alike.is_some();
-        warnings.extend(alike);
-        if let Some(warning) = MapWarning::of_self_test(&test).filter(|_| !explains) {
-            warnings.push(warning);
-            if !warnings.iter().any(|d| matches!(d, MapWarning::LikelyCause { .. })) {
-                warnings.extend(diagnose(model));
-            }
-        }
-        model.self_test = Some(test);
-        Ok(())
-    }
-}
-
-/// Whether an unusable map is written.
-#[derive(clap::Args)]
-pub(super) struct KeepBrokenArgs {
     /// Write the map even if nothing can be localized in it.
     #[arg(long)]
     keep_broken: bool,
 }
 
-impl KeepBrokenArgs {
-    /// Refuses a map in which nothing can be localized, so that it does not replace a usable one.
-    pub(super) fn allow(
+impl FinishArgs {
+    /// Tests the map, stores the result in it, and adds the warnings that follow from it. A map in which nothing can be
+    /// localized is refused, so that it does not replace a usable one.
+    pub(super) fn finish(
         &self,
-        model: &MapModel,
-        warnings: &[MapWarning],
+        model: &mut MapModel,
+        warnings: &mut Vec<MapWarning>,
         out: &Path,
         ui: &Ui,
     ) -> Result<(), Failure> {
-        if self.keep_broken || !is_broken(model, warnings) {
+        let options = FinishOptions { self_test: !self.no_self_test, keep_broken: self.keep_broken };
+        finish(model, warnings, &options, &Stages::new(ui)).map_err(|error| refused(error, out, ui))
+    }
+
+    /// Whether the map is tested.
+    pub(super) const fn is_tested(&self) -> bool {
+        !self.no_self_test
+    }
+
+    /// Refuses a compressed map in which nothing can be localized.
+    pub(super) fn check_compressed(
+        &self,
+        whole: &MapModel,
+        compressed: &MapModel,
+        out: &Path,
+        ui: &Ui,
+    ) -> Result<(), Failure> {
+        if self.keep_broken {
             return Ok(());
         }
-        for warning in warnings {
-            ui.warning(warning);
-        }
-        Err(Failure::with_help(
-            format!(
-                "{}: not written: nothing can be localized in this map of {} points",
-                out.display(),
-                model.points.len()
-            ),
-            "fix the problems that the warnings name, or write the map anyway with --keep-broken",
-        ))
+        refuse_broken_compressed(whole, compressed).map_err(|error| refused(error, out, ui))
     }
 }
 
-/// Detects a map with almost no points, one that localizes few of its own images for a known reason, and one that
-/// localizes none of them although its points are seen in enough images. A low share alone proves nothing: if images
-/// are sparse, each left-out image may take all points with it.
-fn is_broken(model: &MapModel, warnings: &[MapWarning]) -> bool {
-    let has = |which: fn(&MapWarning) -> bool| warnings.iter().any(which);
-    let explained = has(|d| matches!(d, MapWarning::LikelyCause { .. }));
-    let empty = has(|d| matches!(d, MapWarning::FewPoints { .. }));
-    let test = model.self_test.as_ref();
-    let failed = test.is_some_and(SelfTest::failed);
-    let localizes_none = test.is_some_and(|test| {
-        let best = test.schemes.iter().map(|scheme| scheme.localized).max().unwrap_or(0);
-        localizes_none(best, test.images, model.mean_track_length())
-    });
-    model.points.len() < MIN_POINTS
-        || (explained && has(|d| matches!(d, MapWarning::SelfTest { .. })))
-        || (empty && failed)
-        || localizes_none
+fn refused(error: MappingError, out: &Path, ui: &Ui) -> Failure {
+    let MappingError::Broken(BrokenMap { points, warnings }) = error else { return error.into() };
+    for warning in &warnings {
+        ui.warning(warning);
+    }
+    Failure::with_help(
+        format!("{}: not written: nothing can be localized in this map of {points} points", out.display()),
+        "fix the problems that the warnings name, or write the map anyway with --keep-broken",
+    )
 }
-
-/// Whether none of enough images was localized, although their points are seen in enough images.
-fn localizes_none(localized: u32, images: u32, mean_track_length: f64) -> bool {
-    localized == 0 && images >= MIN_IMAGES && mean_track_length >= MIN_TRACK_LENGTH
-}
-
-/// Minimum number of points for localization: a pose needs ten inliers.
-const MIN_POINTS: usize = 10;
-
-/// Number of images, and mean number of images that see a point, from which on enough points remain without an image
-/// and its two nearest neighbours, which the self-test leaves out.
-const MIN_IMAGES: u32 = 8;
-const MIN_TRACK_LENGTH: f64 = 4.0;
 
 /// A self-test as JSON.
 #[derive(Serialize)]
@@ -321,19 +271,4 @@ fn percent(level: f64) -> String {
 
 fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A lens whose distortion folds the image (8 images, 4.4 images a point, none localized) is refused. A map of few
-    /// images, or of points that few images see, loses its points when images are left out, and may be good.
-    #[test]
-    fn maps_that_localize_none_of_enough_images_are_broken() {
-        assert!(localizes_none(0, 8, 4.4));
-        assert!(!localizes_none(1, 8, 4.4));
-        assert!(!localizes_none(0, 4, 4.0));
-        assert!(!localizes_none(0, 50, 2.6));
-    }
 }
