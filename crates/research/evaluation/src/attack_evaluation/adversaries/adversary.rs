@@ -26,7 +26,7 @@ pub enum Adversary {
     /// person.
     PoseServerPrivate,
     /// A server that has found the pose, with the keypoints of all map images; errors are measured as for
-    /// [`Self::PoseServer`].
+    /// `pose-server`.
     PoseServerImages,
     /// A server that has found the poses of several queries of the scene, with anchors fixed in each image; errors
     /// are measured as for the previous ones.
