@@ -50,8 +50,9 @@ fn hard_conditions_of_redkitchen(data: &Path) {
         let name = format!("{condition:?} {} {recipe:?}", row.scheme);
         assert!(row.recall["0.25/2"] >= 0.8, "{name}: {}", row.recall["0.25/2"]);
         assert_eq!(row.trusted_wrong.unwrap_or(0), 0, "{name}");
-        let of = |recipe| of_row(&result, [condition, Some(&row.scheme), recipe]);
-        let pairs = of(None).into_iter().zip(of(Some("optimum")));
+        let of = |recipe| of_row(&result, [condition, Some(&row.scheme), Some(recipe)]);
+        assert_eq!((of("default").len(), of("optimum").len()), (6, 6), "{name}");
+        let pairs = of("default").into_iter().zip(of("optimum"));
         let lost = pairs.filter(|(found, optimum)| !is_right(found) && is_right(optimum)).count();
         assert!(lost <= 1, "{name}: {lost} lost");
     }

@@ -61,10 +61,10 @@ fn every_condition_has_rows_in_the_given_order() {
         if row["condition"].is_null() {
             assert_eq!(row["recall"]["0.25/2"], 1.0, "{row}");
         }
-        assert_eq!(row["trusted"].is_null(), row["recipe"].is_string(), "{row}");
+        assert_eq!(row["trusted"].is_null(), row["recipe"] != "default", "{row}");
     }
     let sum = |field: &str, condition: Option<&str>| -> u64 {
-        let of_points = |query: &&&Value| query["scheme"] == "points" && query["recipe"].is_null();
+        let of_points = |query: &&&Value| query["scheme"] == "points" && query["recipe"] == "default";
         let queries = under(&result, "queries", condition);
         queries.iter().filter(of_points).filter_map(|query| query[field].as_u64()).sum()
     };
@@ -156,6 +156,13 @@ fn out_of_map_images_are_counted() {
         assert!(row["scheme"] == "points" || count("trusted") == 0, "{row}");
         assert_eq!(count("trusted_wrong"), count("trusted"), "{row}");
     }
+    // An image that cannot be read is left out, and said.
+    let png = scene.read("other/images/negative-1.png");
+    scene.write("damaged/cut.png", &png[..png.len() / 2]);
+    scene.write("damaged/whole.png", &png);
+    let run = scene.run(&format!("{IN_MAP} --negatives damaged --json")).succeeded();
+    assert_eq!(run.json()["schemes"][0]["queries"], 1, "{run}");
+    assert!(run.stderr.contains("1 of 2 out-of-map images") && run.stderr.contains("cut.png"), "{run}");
     // Beside the scene's own queries, and sent progressively.
     let both = document(
         scene,
@@ -217,7 +224,7 @@ fn invalid_arguments_are_refused() {
         (&format!("{SCENE} --conditions negatives+frames:2"), 2, &["single images"]),
         (&format!("{SCENE} --conditions dark,none,dark"), 1, &["occurs twice"]),
         (&format!("{SCENE} --conditions gravity:17"), 1, &["gravity", "16"]),
-        (&format!("{SCENE} --conditions frames:2 --score msac"), 1, &["likelihood only"]),
+        (&format!("{SCENE} --conditions frames:2 --estimator paper"), 1, &["uses the likelihood"]),
         (&format!("{SCENE} --conditions frames:9"), 1, &["no 9 queries"]),
         (&format!("{SCENE} --conditions dark --report dark.html"), 1, &["--conditions"]),
         (&format!("{SCENE} --oracle-radius 0"), 2, &["above 0"]),
@@ -234,7 +241,7 @@ fn invalid_arguments_are_refused() {
         (
             &format!("{IN_MAP} --negatives other/images --negatives-camera {small}"),
             1,
-            &["400x300", "300x400"],
+            &["400 x 300", "300 x 400"],
         ),
         (&format!("{IN_MAP} --negatives no/such/folder"), 1, &["no/such/folder"]),
         (&format!("{IN_MAP} --negatives notes"), 1, &["notes.jpg"]),

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use veiloc_datasets::problem_files::is_in_design_split;
 use veiloc_evaluation::NegativeImage;
+use veiloc_features::load_gray;
 use veiloc_geometry::Intrinsics;
 use veiloc_protocol::FocalKnowledge;
 
@@ -34,6 +35,21 @@ pub(super) struct NegativeArgs {
     /// longer side.
     #[arg(long, value_name = "MODEL,W,H,PARAMS…|FILE", requires = "negatives")]
     negatives_camera: Option<CameraArg>,
+}
+
+/// Images without use that are named.
+const SHOWN: usize = 5;
+
+/// Why an image cannot be a query: it cannot be read, or has another size than its camera.
+fn fault_of(path: &Path, camera: Option<&Intrinsics>) -> Option<String> {
+    let image = match load_gray(path) {
+        Ok(image) => image,
+        Err(error) => return Some(error.to_string()),
+    };
+    let (width, height) = (image.width(), image.height());
+    let camera = camera.filter(|camera| (camera.width, camera.height) != (width, height))?;
+    let (path, of_camera) = (path.display(), (camera.width, camera.height));
+    Some(format!("{path}: {width} x {height} pixels, and its camera has {} x {}", of_camera.0, of_camera.1))
 }
 
 /// Halves of a set of images: one for design, the other untouched until the final figures.
@@ -77,19 +93,28 @@ impl NegativeArgs {
         let given = self.listed(folder, common, ui)?;
         let all = given.len();
         let items: Vec<Item> = given.iter().map(|(item, _)| item.clone()).collect();
-        let mut images = Vec::new();
+        let (mut images, mut left_out) = (Vec::new(), Vec::new());
         for ((Item { path, fault, .. }, camera), name) in given.into_iter().zip(items::names(&items)) {
-            match fault {
-                Some(fault) => return Err(Failure::with_help(fault.of(&name), "leave it out of the images")),
-                None if self.negatives_split.holds(&path) => {
-                    images.push(NegativeImage { name, path, camera });
-                }
-                None => {}
+            if fault.is_none() && !self.negatives_split.holds(&path) {
+                continue;
             }
+            match fault.map(|fault| fault.of(&name)).or_else(|| fault_of(&path, camera.as_ref())) {
+                Some(fault) => left_out.push(fault),
+                None => images.push(NegativeImage { name, path, camera }),
+            }
+        }
+        if !left_out.is_empty() {
+            let shown = left_out.iter().take(SHOWN).map(|fault| format!("\n  {fault}")).collect::<String>();
+            let more = left_out.len().saturating_sub(SHOWN);
+            let more = if more > 0 { format!("\n  and {more} more") } else { String::new() };
+            ui.warn(format_args!(
+                "{} of {all} out-of-map images cannot be used, and are left out:{shown}{more}",
+                left_out.len()
+            ));
         }
         if images.is_empty() {
             return Err(Failure::with_help(
-                format!("none of the {all} out-of-map images belongs to this half"),
+                format!("none of the {all} out-of-map images can be used, or belongs to this half"),
                 "give more images, or leave out --negatives-split",
             ));
         }
