@@ -40,7 +40,7 @@ KNOWLEDGE = {
     "outsider-neighbours": ("outsider", "a network of neighbours, trained on {} out-of-map images"),
     "outsider-network": ("outsider", "a network from rows to positions, trained on {} out-of-map images"),
     "map-server": ("operator or anyone", "images from nearby viewpoints"),
-    "pose-server": ("server", "the pose; measured on what its map does not show"),
+    "pose-server": ("server", "the pose; on keypoints without a map point"),
     "pose-server-images": ("server", "the pose and its map images; the same keypoints"),
     "several-frames": ("server", "poses of 8 queries (Herz-Jesu 2), anchors fixed in each image"),
     "several-seals": ("anyone", "eight seals of one image"),

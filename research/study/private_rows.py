@@ -467,7 +467,7 @@ def turned_layout(layout, width, height):
 ADVERSARIES = {
     "the query and a statistic of other places": ("learned-prior,closed-form-consensus", "photos", False, False),
     "images from nearby viewpoints": ("transfer", "transferred", False, True),
-    "the pose; what its map does not show": ("server-side-points,iterative", "map", True, False),
+    "the pose; on keypoints without a map point": ("server-side-points,iterative", "map", True, False),
     "the pose and its map images; the same": ("guided-transfer", "oracle", True, True),
     "eight seals of one image": ("resting-camera", "oracle", False, False),
 }

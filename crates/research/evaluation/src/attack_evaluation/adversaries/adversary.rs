@@ -20,7 +20,7 @@ pub enum Adversary {
     OutsiderNetwork,
     /// Holds images of the scene with keypoints.
     MapServer,
-    /// A server that has found the pose and predicts neighbours; errors are measured on what its map does not show.
+    /// A server that has found the pose and predicts neighbours; errors are on keypoints without a map point.
     PoseServer,
     /// The same; errors are measured on something in front of the scene that no image of the map shows, such as a
     /// person.
