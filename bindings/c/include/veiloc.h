@@ -219,7 +219,7 @@ typedef struct VeilocAnswerInfo {
   uint32_t inliers;
   // Rows that were matched to map points.
   uint32_t matches;
-  // Doubts: bit 0 other, 1 weak evidence, 2 ambiguous, 3 loosely held, 4 one-sided.
+  // Doubts: bit 0 other, 1 weak evidence, 2 ambiguous, 3 imprecise, 4 one-sided.
   uint32_t doubts;
 } VeilocAnswerInfo;
 

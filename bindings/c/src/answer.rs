@@ -26,7 +26,7 @@ pub struct VeilocAnswerInfo {
     pub inliers: u32,
     /// Rows that were matched to map points.
     pub matches: u32,
-    /// Doubts: bit 0 other, 1 weak evidence, 2 ambiguous, 3 loosely held, 4 one-sided.
+    /// Doubts: bit 0 other, 1 weak evidence, 2 ambiguous, 3 imprecise, 4 one-sided.
     pub doubts: u32,
 }
 

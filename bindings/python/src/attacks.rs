@@ -8,7 +8,7 @@ use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_images};
 use veiloc_evaluation::attack_evaluation::{
     ATTACKS, Attack, AttackEvaluation, AuditOptions, ImageGroup, evaluate_attacks, run_audit,
 };
-use veiloc_features::{Extractors, Progress};
+use veiloc_features::Extractors;
 use veiloc_protocol::{ExtractionLimits, Scheme};
 
 use crate::blocking::ProgressCallback;

@@ -12,7 +12,7 @@ pub const MIN_PER_SIDE: usize = 32;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error(
     "only {few} of {all} keypoints lie on one side of the dividing line, {MIN_PER_SIDE} are needed on each: the pose \
-     would be loosely held or undetermined; move or turn the camera so that both sides show texture"
+     would be imprecise or undetermined; move or turn the camera so that both sides show texture"
 )]
 pub struct UnbalancedAnchors {
     /// Rows on the side with fewer rows.

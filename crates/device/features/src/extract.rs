@@ -97,7 +97,7 @@ pub fn extract_loaded(
     }
     if let Some(hidden) = image.hidden() {
         let size = (image.width(), image.height());
-        features = features.clear_of(hidden, size, extractor.sight());
+        features = features.clear_of(hidden, size, extractor.receptive_field());
     }
     Ok(ExtractedImage { features, size: (image.width(), image.height()), size_in_file })
 }

@@ -30,12 +30,12 @@ pub trait Extractor: Send + Sync {
     /// A descriptor whose window crosses the image's border shows the border, and so reveals the position of its
     /// keypoint: a device drops it ([`Features::whole`], rule L11 of docs/reference/privacy-rules.md). 0 keeps all features, and is
     /// correct only for descriptors that do not show the border.
-    fn reach(&self) -> f64;
+    fn support_radius(&self) -> f64;
 
     /// Radius of a descriptor's window, as a multiple of the keypoint's scale, whether or not an image's border would
-    /// show: keypoints whose window touches a mask are dropped. By default [`Self::reach`].
-    fn sight(&self) -> f64 {
-        self.reach()
+    /// show: keypoints whose window touches a mask are dropped. By default [`Self::support_radius`].
+    fn receptive_field(&self) -> f64 {
+        self.support_radius()
     }
 
     /// The source of precomputed features; `None`, the default, for extractors that compute them from the image.
@@ -70,12 +70,12 @@ impl<T: Extractor + ?Sized> Extractor for Arc<T> {
         (**self).extract(image, max_keypoints)
     }
 
-    fn reach(&self) -> f64 {
-        (**self).reach()
+    fn support_radius(&self) -> f64 {
+        (**self).support_radius()
     }
 
-    fn sight(&self) -> f64 {
-        (**self).sight()
+    fn receptive_field(&self) -> f64 {
+        (**self).receptive_field()
     }
 
     fn stored(&self) -> Option<&dyn FeatureStore> {
@@ -101,14 +101,14 @@ impl Extractor for Sift {
         extract_until(image.gray(), &options, image.stop()).ok_or(FeatureError::Stopped)
     }
 
-    fn reach(&self) -> f64 {
+    fn support_radius(&self) -> f64 {
         match self.options.border {
             Border::Cut => crate::sift::PATCH_RADIUS,
             Border::Mirrored => 0.0,
         }
     }
 
-    fn sight(&self) -> f64 {
+    fn receptive_field(&self) -> f64 {
         crate::sift::PATCH_RADIUS
     }
 }

@@ -37,15 +37,16 @@ impl std::fmt::Debug for Features {
 }
 
 impl Features {
-    /// The features whose descriptor window lies within the image of `width` and `height` pixels: the disc of `reach`
+    /// The features whose descriptor window lies within the image of `width` and `height` pixels: the disc of `support_radius`
     /// times the scale around the keypoint.
     ///
-    /// `reach`: that of the extractor ([`Extractor::reach`](crate::Extractor::reach)).
+    /// `support_radius`: that of the extractor
+    /// ([`Extractor::support_radius`](crate::Extractor::support_radius)).
     #[must_use]
-    pub fn whole(self, (width, height): (u32, u32), reach: f64) -> Self {
+    pub fn whole(self, (width, height): (u32, u32), support_radius: f64) -> Self {
         let inside = |at: f64, radius: f64, size: u32| at >= radius && at + radius <= f64::from(size);
         let whole = |keypoint: &Keypoint| {
-            let radius = reach * f64::from(keypoint.scale);
+            let radius = support_radius * f64::from(keypoint.scale);
             inside(keypoint.pixel.u, radius, width) && inside(keypoint.pixel.v, radius, height)
         };
         let kept: Vec<usize> = (0..self.keypoints.len()).filter(|&i| whole(&self.keypoints[i])).collect();

@@ -94,7 +94,7 @@ fn extract_by(
 
 /// The features that may be sealed: those whose descriptor does not reveal the image's border.
 fn sealable(image: ExtractedImage, extractor: &dyn Extractor, camera: &Intrinsics) -> (Features, Intrinsics) {
-    (image.features.whole(image.size, extractor.reach()), camera.resized(image.size.0, image.size.1))
+    (image.features.whole(image.size, extractor.support_radius()), camera.resized(image.size.0, image.size.1))
 }
 
 /// One keypoint in addition to this many is extracted: the window drops up to a quarter of an image, and a session drops

@@ -18,19 +18,13 @@ mod output;
 use std::ffi::OsString;
 use std::sync::Arc;
 
+use crate::output::exit::{Exit, Failure};
+use crate::output::ui::Ui;
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
-// Modules that every command uses, at the crate root under their own names.
-use crate::args::{
-    camera, extraction_args, feature_args, json_args, localization_args, progressive_args, report_args,
-};
-use crate::output::{exit, files, items, lists, stages, targets, ui};
-
-use crate::exit::{Exit, Failure};
-use crate::ui::Ui;
 
 /// Visual localization in which neither the image nor the keypoint positions leave the device.
 #[derive(Parser)]
-#[command(name = "veiloc", version, max_term_width = 110, after_help = exit::EXIT_CODES)]
+#[command(name = "veiloc", version, max_term_width = 110, after_help = crate::output::exit::EXIT_CODES)]
 struct Cli {
     /// Print no progress and no messages, only results and errors.
     #[arg(long, short, global = true)]
@@ -99,8 +93,8 @@ pub fn run(command_line: impl IntoIterator<Item = OsString>) -> u8 {
         Err(error) => return print_parser_output(&error),
     };
     let ui = Arc::new(Ui::new(cli.quiet));
-    let result = exit::catch_panics(|| {
-        targets::check(&matches)?;
+    let result = output::exit::catch_panics(|| {
+        output::targets::check(&matches)?;
         match &cli.command {
             Command::Demo(args) => commands::demo::run(args, &ui),
             Command::Map(command) => commands::map::run(command, &ui),

@@ -44,12 +44,12 @@ impl Extractor for Compact {
         Ok(Features { keypoints, descriptors: compact(&descriptors), global })
     }
 
-    fn reach(&self) -> f64 {
-        self.sift.reach()
+    fn support_radius(&self) -> f64 {
+        self.sift.support_radius()
     }
 
-    fn sight(&self) -> f64 {
-        self.sift.sight()
+    fn receptive_field(&self) -> f64 {
+        self.sift.receptive_field()
     }
 }
 

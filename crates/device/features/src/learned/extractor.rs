@@ -157,11 +157,11 @@ impl Extractor for Learned {
     }
 
     /// 0: the image is continued by its mirror image, by the description's `margin`.
-    fn reach(&self) -> f64 {
+    fn support_radius(&self) -> f64 {
         0.0
     }
 
-    fn sight(&self) -> f64 {
+    fn receptive_field(&self) -> f64 {
         self.description.descriptors.sight
     }
 }

@@ -269,7 +269,7 @@ impl Extractor for Middle {
         Ok(features)
     }
 
-    fn reach(&self) -> f64 {
+    fn support_radius(&self) -> f64 {
         0.0
     }
 }

@@ -1,4 +1,4 @@
-//! The window of a SIFT descriptor: not beyond `Extractor::reach`, and nearly as large; and its content beyond the
+//! The window of a SIFT descriptor: not beyond `Extractor::support_radius`, and nearly as large; and its content beyond the
 //! border.
 
 use veiloc_features::{Extractor, Features, GrayImage, Image, Keypoint, Sift};
@@ -38,7 +38,7 @@ fn difference(here: &Features, index: usize, there: &Features) -> Option<u8> {
 
 #[test]
 fn descriptor_window_extends_to_the_reach() {
-    let reach = Sift::default().reach();
+    let reach = Sift::default().support_radius();
     let middle = Pixel::new(120.0, 120.0);
     let here = features(middle, f64::INFINITY);
     let (mut checked, mut nearer) = (0, 0);
@@ -98,7 +98,7 @@ fn sealing_mirrors_the_border() {
         keypoint.pixel.u -= f64::from(MARGIN);
         keypoint.pixel.v -= f64::from(MARGIN);
     }
-    let reach = Sift::default().reach();
+    let reach = Sift::default().support_radius();
     let (mut inside, mut over, mut found, mut changed) = (0, 0, 0, 0);
     for (index, keypoint) in mirrored.keypoints.iter().enumerate() {
         let (u, v) = (keypoint.pixel.u, keypoint.pixel.v);
@@ -116,5 +116,5 @@ fn sealing_mirrors_the_border() {
     }
     assert!(inside > 20 && over > 20, "{inside} and {over}");
     assert!(found * 3 > over && changed * 2 > over, "{found} and {changed} of {over}");
-    assert!(Sift::for_sealing().reach() < 1e-9);
+    assert!(Sift::for_sealing().support_radius() < 1e-9);
 }

@@ -80,7 +80,7 @@ fn l11_other_extractors_drop_border_keypoints() {
     let (features, size) =
         extract_with(&extractors, &path, &camera, &profile(), &SealOptions::default()).expect("extracted");
     let over = |features: &Features| {
-        let whole = features.clone().whole((size.width, size.height), Sift::default().reach());
+        let whole = features.clone().whole((size.width, size.height), Sift::default().support_radius());
         features.keypoints.len() - whole.keypoints.len()
     };
     let (leak, _) = with_border(&path, &camera);

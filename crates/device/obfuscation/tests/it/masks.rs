@@ -120,7 +120,7 @@ fn l13_session_stores_no_masked_pixels() {
 
 /// Number of keypoints whose descriptor window touches the mask.
 fn looking(features: &Features, mask: &Mask) -> usize {
-    let reach = Sift::default().reach();
+    let reach = Sift::default().support_radius();
     let looks = |k: &veiloc_features::Keypoint| {
         let radius = reach * f64::from(k.scale);
         let away = |at: f64, low: u32| (f64::from(low) - at).max(at - f64::from(low) - 1.0).max(0.0);

@@ -27,7 +27,8 @@ pub fn keypoints_of_image(
 ) -> Result<KeypointImage, DatasetError> {
     let limits = Limits { max_keypoints: limits.max_keypoints as usize, max_side: limits.max_image_side };
     let image = extract_image(path, None, extractor, limits)?;
-    let (features, (width, height)) = (image.features.whole(image.size, extractor.reach()), image.size);
+    let (features, (width, height)) =
+        (image.features.whole(image.size, extractor.support_radius()), image.size);
     Ok(KeypointImage {
         name: path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
         width,

@@ -10,10 +10,10 @@ use veiloc_map::text::text_of;
 use veiloc_obfuscation::KnownCamera;
 use veiloc_protocol::FocalKnowledge;
 
-use crate::exit::Failure;
-use crate::files;
-use crate::lists::intrinsics;
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::files;
+use crate::output::lists::intrinsics;
+use crate::output::ui::Ui;
 
 /// The camera of all images given.
 #[derive(Debug, Clone)]

@@ -5,7 +5,7 @@ use veiloc_mapping::BuildOptions;
 
 use crate::args::feature_args::ModelFileArgs;
 use crate::args::global_args::{VLAD, global_extractor};
-use crate::exit::Failure;
+use crate::output::exit::Failure;
 
 /// Which features the map holds, and which features devices send.
 #[derive(clap::Args)]

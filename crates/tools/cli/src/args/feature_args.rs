@@ -13,7 +13,7 @@ use veiloc_protocol::Profile;
 
 #[cfg(not(feature = "hloc"))]
 use crate::commands::missing_feature;
-use crate::exit::Failure;
+use crate::output::exit::Failure;
 
 /// Environment variable that lists the folders of network files, in the form of `PATH`.
 const FOLDERS: &str = "VEILOC_MODELS";

@@ -5,8 +5,8 @@ use veiloc_features::learned::Models;
 use veiloc_obfuscation::SealOptions;
 use veiloc_protocol::Profile;
 
-use crate::exit::Failure;
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::ui::Ui;
 
 /// Name of the global descriptor that is aggregated from the local descriptors of a query.
 pub(crate) const VLAD: &str = "vlad";

@@ -2,10 +2,10 @@
 
 use serde::Serialize;
 
-use crate::exit::Failure;
-use crate::files;
-use crate::targets::OutFileOrStdout;
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::files;
+use crate::output::targets::OutFileOrStdout;
+use crate::output::ui::Ui;
 
 /// Destination of the JSON document.
 #[derive(clap::Args)]

@@ -2,7 +2,7 @@
 
 use veiloc_evaluation::pose::Estimator;
 
-use crate::exit::Failure;
+use crate::output::exit::Failure;
 
 /// Estimators, and the seed.
 #[derive(clap::Args)]

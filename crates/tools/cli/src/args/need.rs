@@ -5,7 +5,7 @@ use std::str::FromStr;
 use veiloc_map::MapFile;
 use veiloc_pose::Precision;
 
-use crate::exit::Failure;
+use crate::output::exit::Failure;
 
 /// A precision, before the map's unit is known.
 #[derive(Debug, Clone, Copy, PartialEq)]

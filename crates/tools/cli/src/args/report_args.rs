@@ -1,6 +1,6 @@
 //! `--report FILE`, for commands that can write an HTML report.
 
-use crate::targets::OutFile;
+use crate::output::targets::OutFile;
 
 /// Destination of the report, and its number of drawn queries.
 #[derive(clap::Args)]

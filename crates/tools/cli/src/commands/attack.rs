@@ -8,10 +8,10 @@ use veiloc_evaluation::attack_evaluation::{
 };
 use veiloc_protocol::{AngleBits, Scheme};
 
-use crate::exit::{Exit, Failure, Outcome};
-use crate::json_args::JsonArgs;
-use crate::stages::Stages;
-use crate::ui::Ui;
+use crate::args::json_args::JsonArgs;
+use crate::output::exit::{Exit, Failure, Outcome};
+use crate::output::stages::Stages;
+use crate::output::ui::Ui;
 
 /// Recover keypoints from obfuscated queries, with every attack under every scheme.
 ///

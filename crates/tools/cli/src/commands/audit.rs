@@ -11,15 +11,15 @@ use veiloc_evaluation::attack_evaluation::{
 use veiloc_protocol::ExtractionLimits;
 use veiloc_report::audit_page;
 
+use crate::args::feature_args::ImageFeatureArgs;
+use crate::args::json_args::JsonArgs;
 use crate::commands::attack::AdversaryArgs;
 use crate::commands::eval::html;
-use crate::exit::{Exit, Failure, Outcome};
-use crate::feature_args::ImageFeatureArgs;
-use crate::files;
-use crate::json_args::JsonArgs;
-use crate::stages::Stages;
-use crate::targets::OutFileOrFolder;
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Failure, Outcome};
+use crate::output::files;
+use crate::output::stages::Stages;
+use crate::output::targets::OutFileOrFolder;
+use crate::output::ui::Ui;
 
 use inputs::Inputs;
 

@@ -8,7 +8,7 @@ use veiloc_cluster::{ClusterError, ObjectStoreSource};
 use veiloc_map::is_map_name;
 
 use crate::args::localization_args::positive;
-use crate::exit::Failure;
+use crate::output::exit::Failure;
 
 /// Smallest message size limit that a bus must have, which is the default of NATS. Queries with large descriptors need
 /// more; the gateway reports this when it knows the map.

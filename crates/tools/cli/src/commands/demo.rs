@@ -10,10 +10,10 @@ use veiloc_evaluation::attack_evaluation::attacks_table;
 use veiloc_evaluation::results::table;
 use veiloc_service::{ListenAddress, MapSource, ServerOptions, run_until_signal};
 
-use crate::exit::{Exit, Failure, Outcome};
-use crate::stages::Stages;
-use crate::targets::OutFolder;
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Failure, Outcome};
+use crate::output::stages::Stages;
+use crate::output::targets::OutFolder;
+use crate::output::ui::Ui;
 
 /// Maximum number of map points that the web page shows.
 const SHOWN_POINTS: usize = 20_000;

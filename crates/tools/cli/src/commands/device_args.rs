@@ -6,8 +6,8 @@ use veiloc_protocol::{CoarseGravity, FocalKnowledge, Profile, Scheme};
 use crate::args::camera::{CameraArg, CameraSource};
 use crate::args::feature_args::MapFeatureArgs;
 use crate::args::global_args::ConsentArgs;
-use crate::exit::Failure;
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::ui::Ui;
 
 /// How an image is sealed.
 #[derive(clap::Args)]

@@ -7,11 +7,11 @@ use rayon::prelude::*;
 use veiloc_features::{Extractor, FeatureError, Limits, extract_image};
 use veiloc_mapping::importers::hloc::{ImageFeatures, check_feature_names, write_features};
 
-use crate::exit::{Exit, Outcome};
-use crate::items;
-use crate::lists;
-use crate::targets::OutFile;
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Outcome};
+use crate::output::items;
+use crate::output::lists;
+use crate::output::targets::OutFile;
+use crate::output::ui::Ui;
 
 /// Extract features of images for other programs, in the format of hloc's `extract_features`.
 ///

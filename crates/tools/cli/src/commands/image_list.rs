@@ -6,9 +6,9 @@ use crate::args::camera::{CameraArg, CameraSource};
 use veiloc_obfuscation::KnownCamera;
 
 use crate::commands::device_args::DeviceArgs;
-use crate::exit::Failure;
-use crate::items::{self, Item};
-use crate::lists;
+use crate::output::exit::Failure;
+use crate::output::items::{self, Item};
+use crate::output::lists;
 
 /// Returns the images that a list names in a folder, with their cameras: the camera in the list, otherwise the given
 /// one.

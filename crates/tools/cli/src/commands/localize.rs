@@ -21,10 +21,10 @@ use self::document::{
 use self::from_images::ImageArgs;
 use self::pose_files::{PoseFileArgs, QueryPose};
 use crate::args::need::Need;
-use crate::exit::{Exit, Failure, Outcome};
-use crate::files;
-use crate::items::{self, BatchSummary, InputError, InputErrorKind, Item, SEALED, SkipArgs};
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Failure, Outcome};
+use crate::output::files;
+use crate::output::items::{self, BatchSummary, InputError, InputErrorKind, Item, SEALED, SkipArgs};
+use crate::output::ui::Ui;
 
 /// Estimate the poses of sealed queries.
 ///

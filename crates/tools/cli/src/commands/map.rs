@@ -31,12 +31,12 @@ use self::self_test::FinishArgs;
 use self::sfm::{SfmArgs, SfmModels};
 use crate::commands::frame_check::{FrameCheckArgs, REMEDY_OF_LOOK_ALIKES};
 use crate::commands::posed::{read_posed_input, warn_of};
-use crate::exit::{Exit, Failure, Outcome};
-use crate::files;
-use crate::lists;
-use crate::stages::Stages;
-use crate::targets::{OutFile, OutFolder};
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Failure, Outcome};
+use crate::output::files;
+use crate::output::lists;
+use crate::output::stages::Stages;
+use crate::output::targets::{OutFile, OutFolder};
+use crate::output::ui::Ui;
 
 /// What to do with a map.
 #[derive(clap::Subcommand)]

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use veiloc_features::detector::{HideOptions, Hider};
 use veiloc_features::{FeatureError, Mask, load_mask};
 
-use crate::exit::Failure;
-use crate::items::{InputError, InputErrorKind};
+use crate::output::exit::Failure;
+use crate::output::items::{InputError, InputErrorKind};
 
 /// Parts of an image of which no feature is sent.
 #[derive(clap::Args)]

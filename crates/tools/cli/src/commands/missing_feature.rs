@@ -2,7 +2,7 @@
 
 use std::ffi::OsString;
 
-use crate::exit::{Failure, Outcome};
+use crate::output::exit::{Failure, Outcome};
 
 /// Accepts any arguments; the command is refused.
 #[derive(clap::Args)]

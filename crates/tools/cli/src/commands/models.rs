@@ -6,8 +6,8 @@ use crate::args::feature_args::models;
 use serde::Serialize;
 use veiloc_features::learned::{GlobalModelFiles, ModelFile};
 
-use crate::exit::{Exit, Outcome};
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Outcome};
+use crate::output::ui::Ui;
 
 /// List the known models of learned features and global descriptors, with the source and licence of their network
 /// files, and whether the files exist.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 use veiloc_service::web_page::Page;
 
-use crate::exit::Failure;
+use crate::output::exit::Failure;
 
 /// Loads the page from the given or the default folder, and adds its configuration.
 ///

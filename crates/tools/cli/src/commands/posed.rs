@@ -5,8 +5,8 @@ use std::path::Path;
 use veiloc_map::PosedImages;
 use veiloc_mapping::importers::poses::{self, PosedInput};
 
-use crate::exit::Failure;
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::ui::Ui;
 
 /// Reads posed images; `images` is the folder of the images.
 ///

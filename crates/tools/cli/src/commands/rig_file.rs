@@ -7,8 +7,8 @@ use veiloc_geometry::CameraFromRig;
 use veiloc_map::text::without_mark;
 use veiloc_protocol::{RigMessage, SealedFrame, SealedQuery};
 
-use crate::exit::Failure;
-use crate::files;
+use crate::output::exit::Failure;
+use crate::output::files;
 
 /// Maximum size of a rig file; far more than the maximum number of frames needs.
 const MAX_BYTES: u64 = 1 << 20;

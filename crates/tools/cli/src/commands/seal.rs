@@ -15,11 +15,11 @@ use crate::args::extraction_error::extraction_error;
 use crate::commands::device_args::DeviceArgs;
 use crate::commands::mask_args::MaskArgs;
 use crate::commands::session_args::{self, SessionArgs};
-use crate::exit::{Failure, Outcome};
-use crate::files;
-use crate::items::{InputError, InputErrorKind, SkipArgs};
-use crate::targets::OutFileOrFolder;
-use crate::ui::Ui;
+use crate::output::exit::{Failure, Outcome};
+use crate::output::files;
+use crate::output::items::{InputError, InputErrorKind, SkipArgs};
+use crate::output::targets::OutFileOrFolder;
+use crate::output::ui::Ui;
 
 /// Seal images: convert them to queries that hide the keypoint positions.
 ///

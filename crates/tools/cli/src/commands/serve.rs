@@ -25,8 +25,8 @@ use crate::commands::logger::{LogArgs, Logger};
 use crate::commands::map_memory::Memory;
 use crate::commands::page_args::{PageConfig, page};
 use crate::commands::with_config::run_with_config;
-use crate::exit::{Exit, Failure, Outcome};
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Failure, Outcome};
+use crate::output::ui::Ui;
 
 /// Serve maps over HTTP: sealed queries in, poses out.
 ///

@@ -7,7 +7,7 @@ use veiloc_client::{ClientError, Orientation, SessionAnchors, SessionFile, Sessi
 use veiloc_geometry::nalgebra::{Matrix3, Rotation3};
 use veiloc_protocol::CoarseGravity;
 
-use crate::exit::Failure;
+use crate::output::exit::Failure;
 
 /// Several images of one scene.
 #[derive(clap::Args)]

@@ -11,9 +11,9 @@ use veiloc_map::is_map_name;
 use veiloc_service::ServerError;
 use veiloc_service::auth::{Secret, Timestamp, TokenEntry, TokenFile, TokenList, added, revoked};
 
-use crate::exit::{Exit, Failure, Outcome};
-use crate::targets::OutFile;
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Failure, Outcome};
+use crate::output::targets::OutFile;
+use crate::output::ui::Ui;
 
 /// Create, list and revoke tokens of a service.
 #[derive(clap::Subcommand)]

@@ -3,8 +3,8 @@
 use crate::args::settings::Settings;
 use clap::{ArgMatches, Args, Command, FromArgMatches};
 
-use crate::exit::{Exit, Failure, Outcome};
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Failure, Outcome};
+use crate::output::ui::Ui;
 
 /// Returns the command with all its required arguments and conflicts, which apply to all layers together.
 pub(crate) fn full_command<A: Args>(name: &'static str) -> Command {

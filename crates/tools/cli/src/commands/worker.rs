@@ -18,8 +18,8 @@ use crate::commands::cluster_args::{ClusterArgs, map_name};
 use crate::commands::logger::{LogArgs, Logger};
 use crate::commands::map_memory::Memory;
 use crate::commands::with_config::run_with_config;
-use crate::exit::{Exit, Failure, Outcome};
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Failure, Outcome};
+use crate::output::ui::Ui;
 
 /// Hold regions of a published map and localize in them for `veiloc serve --cluster`.
 ///

@@ -51,7 +51,7 @@ impl Extractor for Patches {
     }
 
     /// Radius to the corner of the sampled square.
-    fn reach(&self) -> f64 {
+    fn support_radius(&self) -> f64 {
         f64::from(SIDE / 2) * std::f64::consts::SQRT_2
     }
 }

@@ -177,7 +177,7 @@ fn mask_hides_pixels(learned: &Arc<Learned>) {
     let bytes = |image: Image| {
         let (features, camera) =
             extract_loaded(image, Path::new("drawn"), &camera(), &profile, &options).expect("extracted");
-        let sight = learned.sight() as f32;
+        let sight = learned.receptive_field() as f32;
         for keypoint in &features.keypoints {
             let (u, v) = (keypoint.pixel.u as f32, keypoint.pixel.v as f32);
             let (du, dv) = ((120.0 - u).max(u - 200.0).max(0.0), (60.0 - v).max(v - 150.0).max(0.0));

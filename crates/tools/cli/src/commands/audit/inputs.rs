@@ -7,9 +7,9 @@ use veiloc_evaluation::attack_evaluation::{Attack, ImageGroup};
 use veiloc_features::{Extractor, Progress};
 use veiloc_protocol::ExtractionLimits;
 
-use crate::exit::Failure;
-use crate::items::{self, Item};
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::items::{self, Item};
+use crate::output::ui::Ui;
 
 /// Images with their keypoints, in groups, and the paths of their files.
 pub(super) struct Inputs {

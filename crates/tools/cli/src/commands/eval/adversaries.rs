@@ -9,13 +9,13 @@ use veiloc_evaluation::attack_evaluation::adversaries::{
 };
 use veiloc_protocol::Scheme;
 
+use crate::args::extraction_args::ExtractionArgs;
+use crate::args::json_args::JsonArgs;
+use crate::args::localization_args::EstimatorArgs;
 use crate::commands::eval::posed_scene::{PosedSceneArgs, with_remedy};
-use crate::exit::{Exit, Outcome};
-use crate::extraction_args::ExtractionArgs;
-use crate::json_args::JsonArgs;
-use crate::localization_args::EstimatorArgs;
-use crate::stages::Stages;
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Outcome};
+use crate::output::stages::Stages;
+use crate::output::ui::Ui;
 
 /// Report what each adversary recovers from the queries of every scheme, with its best attack.
 ///

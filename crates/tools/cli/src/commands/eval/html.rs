@@ -11,12 +11,12 @@ use veiloc_report::{
     LengthUnit, LocalizationReport, QueryDrawing, SceneView, localization_page, worst_first,
 };
 
+use crate::args::report_args::ReportFileArgs;
 use crate::commands::audit::command_line;
-use crate::exit::Failure;
-use crate::files;
-use crate::report_args::ReportFileArgs;
-use crate::stages::Stages;
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::files;
+use crate::output::stages::Stages;
+use crate::output::ui::Ui;
 
 /// The HTML report of an evaluation.
 #[derive(clap::Args)]

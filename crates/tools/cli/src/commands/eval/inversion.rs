@@ -11,15 +11,15 @@ use veiloc_evaluation::attack_evaluation::inversion::{
 use veiloc_protocol::{ExtractionLimits, Scheme};
 use veiloc_report::inversion_page;
 
-use crate::exit::{Exit, Failure, Outcome};
-use crate::feature_args::ImageFeatureArgs;
-use crate::files;
-use crate::items;
-use crate::json_args::JsonArgs;
-use crate::lists;
-use crate::stages::Stages;
-use crate::targets::OutFile;
-use crate::ui::Ui;
+use crate::args::feature_args::ImageFeatureArgs;
+use crate::args::json_args::JsonArgs;
+use crate::output::exit::{Exit, Failure, Outcome};
+use crate::output::files;
+use crate::output::items;
+use crate::output::lists;
+use crate::output::stages::Stages;
+use crate::output::targets::OutFile;
+use crate::output::ui::Ui;
 
 use super::html;
 

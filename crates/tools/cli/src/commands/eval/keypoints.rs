@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use veiloc_datasets::problem_files::{encode_keypoints, keypoints_of_images};
 use veiloc_protocol::ExtractionLimits;
 
-use crate::exit::{Exit, Outcome};
-use crate::feature_args::ImageFeatureArgs;
-use crate::files;
-use crate::items;
-use crate::lists;
-use crate::stages::Stages;
-use crate::targets::OutFileOrStdout;
-use crate::ui::Ui;
+use crate::args::feature_args::ImageFeatureArgs;
+use crate::output::exit::{Exit, Outcome};
+use crate::output::files;
+use crate::output::items;
+use crate::output::lists;
+use crate::output::stages::Stages;
+use crate::output::targets::OutFileOrStdout;
+use crate::output::ui::Ui;
 
 /// Extract keypoints and descriptors of images, for `attack` and for training predictors.
 ///

@@ -13,8 +13,8 @@ mod report;
 mod scene;
 mod sessions;
 
-use crate::exit::Outcome;
-use crate::ui::Ui;
+use crate::output::exit::Outcome;
+use crate::output::ui::Ui;
 
 /// What to evaluate.
 #[derive(clap::Subcommand)]

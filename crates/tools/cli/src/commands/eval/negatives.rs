@@ -8,11 +8,11 @@ use veiloc_features::load_gray;
 use veiloc_geometry::Intrinsics;
 use veiloc_protocol::FocalKnowledge;
 
-use crate::camera::{CameraArg, CameraSource};
-use crate::exit::Failure;
-use crate::items::{self, Item};
-use crate::lists;
-use crate::ui::Ui;
+use crate::args::camera::{CameraArg, CameraSource};
+use crate::output::exit::Failure;
+use crate::output::items::{self, Item};
+use crate::output::lists;
+use crate::output::ui::Ui;
 
 /// Queries that must not be localized.
 #[derive(clap::Args)]

@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use veiloc_evaluation::pose::{GravitySource, PoseEvaluation, evaluate_poses};
 use veiloc_protocol::AngleBits;
 
+use crate::args::localization_args::{EstimatorArgs, positive};
 use crate::commands::eval::report::ReportArgs;
-use crate::exit::Outcome;
-use crate::localization_args::{EstimatorArgs, positive};
-use crate::stages::Stages;
-use crate::ui::Ui;
+use crate::output::exit::Outcome;
+use crate::output::stages::Stages;
+use crate::output::ui::Ui;
 
 /// Run only the pose stage, on given matches.
 ///

@@ -8,9 +8,9 @@ use veiloc_mapping::MappingError;
 
 use crate::commands::frame_check::{FrameCheckArgs, REMEDY_OF_LOOK_ALIKES};
 use crate::commands::posed::read_posed;
-use crate::exit::Failure;
-use crate::lists::{self, ListedImage};
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::lists::{self, ListedImage};
+use crate::output::ui::Ui;
 
 /// A scene with known poses: all of it is given, or nothing.
 #[derive(clap::Args)]

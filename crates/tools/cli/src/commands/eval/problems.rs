@@ -6,14 +6,14 @@ use veiloc_datasets::problem_files::json_lines;
 use veiloc_datasets::problem_files::{KeypointImage, encode_keypoints};
 use veiloc_evaluation::{SceneEvaluation, make_problems};
 
+use crate::args::extraction_args::ExtractionArgs;
+use crate::args::localization_args::EstimatorArgs;
 use crate::commands::eval::posed_scene::{PosedSceneArgs, with_remedy};
-use crate::exit::{Exit, Outcome};
-use crate::extraction_args::ExtractionArgs;
-use crate::files;
-use crate::localization_args::EstimatorArgs;
-use crate::stages::Stages;
-use crate::targets::{OutFile, OutFileOrStdout};
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Outcome};
+use crate::output::files;
+use crate::output::stages::Stages;
+use crate::output::targets::{OutFile, OutFileOrStdout};
+use crate::output::ui::Ui;
 
 /// Write correspondence sets of a scene with known poses, for `eval pose`.
 ///

@@ -5,9 +5,9 @@ use veiloc_evaluation::results::metrics::Threshold;
 use veiloc_evaluation::results::{EvaluationDocument, table};
 use veiloc_protocol::Scheme;
 
-use crate::exit::{Exit, Failure, Outcome};
-use crate::json_args::JsonArgs;
-use crate::ui::Ui;
+use crate::args::json_args::JsonArgs;
+use crate::output::exit::{Exit, Failure, Outcome};
+use crate::output::ui::Ui;
 
 /// Comparison and output of `eval scene` and `eval pose`.
 #[derive(clap::Args)]

@@ -9,17 +9,17 @@ use veiloc_map::PosedImages;
 use veiloc_map::regions::SplitOptions;
 use veiloc_report::LengthUnit;
 
+use crate::args::extraction_args::ExtractionArgs;
+use crate::args::localization_args::{EstimatorArgs, not_negative, positive};
+use crate::args::progressive_args::ProgressiveArgs;
 use crate::commands::eval::html::{self, HtmlArgs};
 use crate::commands::eval::negatives::NegativeArgs;
 use crate::commands::eval::posed_scene::{PosedSceneArgs, with_remedy};
 use crate::commands::eval::report::ReportArgs;
-use crate::exit::{Exit, Failure, Outcome};
-use crate::extraction_args::ExtractionArgs;
-use crate::localization_args::{EstimatorArgs, not_negative, positive};
-use crate::progressive_args::ProgressiveArgs;
-use crate::stages::Stages;
-use crate::targets::{OutFile, OutFolder};
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Failure, Outcome};
+use crate::output::stages::Stages;
+use crate::output::targets::{OutFile, OutFolder};
+use crate::output::ui::Ui;
 
 /// Run the whole pipeline on a scene with known poses.
 ///

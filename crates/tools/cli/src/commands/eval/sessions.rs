@@ -7,9 +7,9 @@ use veiloc_obfuscation::{SessionAnchors, SessionOptions};
 
 use crate::commands::eval::posed_scene::with_remedy;
 use crate::commands::eval::scene::SceneArgs;
-use crate::exit::{Exit, Outcome};
-use crate::stages::Stages;
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Outcome};
+use crate::output::stages::Stages;
+use crate::output::ui::Ui;
 
 /// Attack several frames of one scene together, as a server that has localized each frame.
 ///

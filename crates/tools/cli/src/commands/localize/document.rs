@@ -7,7 +7,7 @@ use veiloc_evaluation::results::PoseDocument;
 use veiloc_localization::{GravityUse, Localization, LocalizeError};
 use veiloc_pose::{Confidence, State};
 
-use crate::items::InputError;
+use crate::output::items::InputError;
 use crate::output::position::{position, unit_of};
 
 /// One entry of `queries` for each query.

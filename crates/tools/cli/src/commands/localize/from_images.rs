@@ -12,9 +12,9 @@ use veiloc_protocol::{Profile, SealedQuery};
 use crate::commands::device_args::DeviceArgs;
 use crate::commands::image_list::images_of_list;
 use crate::commands::seal::seal_one;
-use crate::exit::Failure;
-use crate::items::{InputError, InputErrorKind, Item};
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::items::{InputError, InputErrorKind, Item};
+use crate::output::ui::Ui;
 
 /// Images instead of sealed queries.
 #[derive(clap::Args)]

@@ -7,11 +7,11 @@ use veiloc_evaluation::results::pose_lines::{TumStamps, hloc_line, tum_line, tum
 use veiloc_geometry::Intrinsics;
 use veiloc_map::colmap::{ColmapImage, ColmapModel, check_text_folder, write_binary, write_text};
 
-use crate::exit::Failure;
-use crate::files;
-use crate::items::Item;
-use crate::targets::{OutFile, OutFolder};
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::files;
+use crate::output::items::Item;
+use crate::output::targets::{OutFile, OutFolder};
+use crate::output::ui::Ui;
 
 /// Output files of poses.
 #[derive(clap::Args)]

@@ -15,8 +15,8 @@ use veiloc_report::{
 use super::document::{LocalizeDocument, LocalizeStatus, QueryDocument, name_of};
 use crate::args::report_args::ReportFileArgs;
 use crate::commands::eval::html;
-use crate::exit::Failure;
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::ui::Ui;
 
 /// The report, and the folder of the query images.
 #[derive(clap::Args)]

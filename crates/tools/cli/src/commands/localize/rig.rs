@@ -14,9 +14,9 @@ use veiloc_protocol::SealedFrame;
 use super::document::{ConfidenceDocument, ErrorDocument, NoPoseKind, name_of, not_localized};
 use crate::args::need::Need;
 use crate::commands::rig_file;
-use crate::exit::{Exit, Failure, Outcome};
+use crate::output::exit::{Exit, Failure, Outcome};
 use crate::output::position::{position, unit_of};
-use crate::ui::Ui;
+use crate::output::ui::Ui;
 
 /// One pose for the sealed queries of a session, whose relative poses the device has measured.
 /// The rig file is in [formats.md](formats.md#rig-file).

@@ -12,11 +12,11 @@ use super::MapEdit;
 use super::info::InfoOutput;
 use super::self_test::FinishArgs;
 use crate::commands::posed::read_posed_input;
-use crate::exit::{Failure, Outcome};
+use crate::output::exit::{Failure, Outcome};
 use crate::output::position::unit_of;
-use crate::stages::Stages;
-use crate::targets::OutFile;
-use crate::ui::Ui;
+use crate::output::stages::Stages;
+use crate::output::targets::OutFile;
+use crate::output::ui::Ui;
 
 /// Transform a map to another world frame: to metres, north and gravity, or to the frame of another map.
 ///

@@ -8,10 +8,10 @@ use veiloc_mapping::{CompressOptions, CompressedMap, compress};
 
 use super::info::InfoOutput;
 use super::self_test::FinishArgs;
-use crate::exit::{Failure, Outcome};
-use crate::stages::Stages;
-use crate::targets::OutFile;
-use crate::ui::Ui;
+use crate::output::exit::{Failure, Outcome};
+use crate::output::stages::Stages;
+use crate::output::targets::OutFile;
+use crate::output::ui::Ui;
 
 /// Compress a map: a tenth of the bytes with almost no loss.
 ///

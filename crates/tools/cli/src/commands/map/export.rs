@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use veiloc_map::colmap::{check_text_folder, export, write_binary, write_text};
 use veiloc_map::{MapFile, write_ply};
 
-use crate::exit::{Exit, Outcome};
-use crate::targets::{OutFile, OutFolder};
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Outcome};
+use crate::output::targets::{OutFile, OutFolder};
+use crate::output::ui::Ui;
 
 /// Export a map for other programs: as a COLMAP model, its points as a PLY file, or both.
 ///

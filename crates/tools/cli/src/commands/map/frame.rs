@@ -4,7 +4,7 @@ use serde::Serialize;
 use veiloc_mapping::{FrameReport, OnOtherFrame, OtherFrame};
 
 use crate::commands::frame_check::FrameCheckArgs;
-use crate::ui::Ui;
+use crate::output::ui::Ui;
 
 /// Treatment of images whose poses are in another frame.
 #[derive(clap::Args)]

@@ -11,9 +11,9 @@ use veiloc_mapping::{BadImage, FrameReport, MapWarning, SkippedImages};
 use super::align::AlignmentInfo;
 use super::frame::{self, FrameInfo};
 use super::self_test::SelfTestInfo;
-use crate::exit::{Exit, Outcome};
+use crate::output::exit::{Exit, Outcome};
 use crate::output::position::unit_of;
-use crate::ui::Ui;
+use crate::output::ui::Ui;
 
 /// Also of `map build`, `map import`, `map add` and `map remove`: facts about the written map.
 #[derive(Serialize)]

@@ -9,11 +9,11 @@ use super::MapEdit;
 use super::align::AlignmentInfo;
 use super::info::InfoOutput;
 use super::self_test::FinishArgs;
-use crate::exit::{Failure, Outcome};
+use crate::output::exit::{Failure, Outcome};
 use crate::output::position::unit_of;
-use crate::stages::Stages;
-use crate::targets::OutFile;
-use crate::ui::Ui;
+use crate::output::stages::Stages;
+use crate::output::targets::OutFile;
+use crate::output::ui::Ui;
 
 /// Merge two maps that show a common part: the images of the second join the first, in its frame.
 ///

@@ -9,10 +9,10 @@ use veiloc_cluster::object_store::{FetchSummary, PublishSummary, RemovalSummary,
 use veiloc_map::regions::{ObjectId, RegionFolder};
 use veiloc_service::auth::Timestamp;
 
-use crate::exit::{Exit, Failure, Outcome};
+use crate::output::exit::{Exit, Failure, Outcome};
 use crate::output::progress::Stage;
-use crate::targets::OutFolder;
-use crate::ui::Ui;
+use crate::output::targets::OutFolder;
+use crate::output::ui::Ui;
 
 /// Publish the regions of a map to object storage, for services.
 ///

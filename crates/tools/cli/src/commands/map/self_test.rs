@@ -9,9 +9,9 @@ use veiloc_map::{ABSOLUTE, ConfidenceCoverage, LEVELS, MapModel, RELATIVE, Schem
 use veiloc_mapping::{BrokenMap, FinishOptions, MapWarning, MappingError, finish, refuse_broken_compressed};
 use veiloc_report::significant;
 
-use crate::exit::Failure;
-use crate::stages::Stages;
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::stages::Stages;
+use crate::output::ui::Ui;
 
 /// How the map is finished.
 #[derive(clap::Args)]

@@ -9,9 +9,9 @@ use veiloc_mapping::structure_from_motion::{
     SfmMatching, SfmOptions, SfmReport, frames_of_video, reconstruct,
 };
 
-use crate::exit::Failure;
-use crate::stages::Stages;
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::stages::Stages;
+use crate::output::ui::Ui;
 
 /// Images without poses.
 #[derive(clap::Args)]

@@ -8,10 +8,10 @@ use veiloc_map::regions::{FolderWriter, Manifest, RegionEntry, SplitOptions, cut
 use veiloc_mapping::Progress as _;
 use veiloc_report::significant;
 
-use crate::exit::{Exit, Failure, Outcome};
-use crate::stages::Stages;
-use crate::targets::OutFolder;
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Failure, Outcome};
+use crate::output::stages::Stages;
+use crate::output::targets::OutFolder;
+use crate::output::ui::Ui;
 
 /// Split a map into regions, for maps that exceed one machine.
 ///

@@ -15,10 +15,10 @@ use veiloc_report::{
 };
 
 use crate::commands::eval::html;
-use crate::exit::{Exit, Outcome};
-use crate::stages::Stages;
-use crate::targets::OutFile;
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Outcome};
+use crate::output::stages::Stages;
+use crate::output::targets::OutFile;
+use crate::output::ui::Ui;
 
 /// Write a page that shows a map in 3D, its weak parts, and what to do about them.
 ///

@@ -7,9 +7,9 @@ use veiloc_client::{Client, ClientError, ClientOptions, Notice};
 use veiloc_protocol::ProfileId;
 
 use crate::commands::seal::OTHER_PROFILE;
-use crate::exit::Failure;
-use crate::files;
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::files;
+use crate::output::ui::Ui;
 
 /// Connection to a service.
 #[derive(clap::Args)]

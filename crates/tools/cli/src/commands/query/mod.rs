@@ -6,8 +6,8 @@ mod session;
 
 use std::sync::Arc;
 
-use crate::exit::Outcome;
-use crate::ui::Ui;
+use crate::output::exit::Outcome;
+use crate::output::ui::Ui;
 
 /// Localize an image with a service, without sending the image.
 #[derive(clap::Subcommand)]

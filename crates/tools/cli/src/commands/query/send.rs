@@ -19,9 +19,9 @@ use crate::commands::device_args::DeviceArgs;
 use crate::commands::mask_args::MaskArgs;
 use crate::commands::seal::GIVE_CAMERA;
 use crate::commands::session_args::{self, SessionArgs};
-use crate::exit::{Exit, Failure, Outcome};
+use crate::output::exit::{Exit, Failure, Outcome};
 use crate::output::position::position;
-use crate::ui::Ui;
+use crate::output::ui::Ui;
 
 /// Seal one image, send it, and print the pose.
 ///

@@ -7,8 +7,8 @@ use veiloc_client::{Answer, Client, ClientError, LocalizeRequest, RigMessage};
 
 use super::connection::failure;
 use crate::commands::rig_file;
-use crate::exit::Failure;
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::ui::Ui;
 
 /// Reads a rig file and its queries, and requests the pose of the device. The client is created last.
 pub(super) fn send(

@@ -13,11 +13,11 @@ use super::{Args, Sealed, SessionContext, seal_one};
 use crate::args::camera::{CameraSource, warn_of_turned};
 use crate::commands::image_list::images_of_list;
 use crate::commands::mask_args::{HiddenPart, HiddenPartDetector};
-use crate::exit::{Failure, Outcome};
-use crate::files;
-use crate::items::{self, BatchSummary, InputError, Item};
-use crate::lists;
-use crate::ui::Ui;
+use crate::output::exit::{Failure, Outcome};
+use crate::output::files;
+use crate::output::items::{self, BatchSummary, InputError, Item};
+use crate::output::lists;
+use crate::output::ui::Ui;
 
 /// One entry of `images` for each image.
 #[derive(Serialize)]

@@ -9,10 +9,10 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::colmap::{ColmapImage, ColmapModel, write_text};
 use veiloc_synthetic::{PathOptions, RenderOptions, RenderedRoom};
 
-use crate::exit::{Exit, Failure, Outcome};
-use crate::stages::Stages;
-use crate::targets::OutFolder;
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Failure, Outcome};
+use crate::output::stages::Stages;
+use crate::output::targets::OutFolder;
+use crate::output::ui::Ui;
 
 /// Render many rooms in one world, some of them similar, to test how maps, retrieval and trust scale.
 ///

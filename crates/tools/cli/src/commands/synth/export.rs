@@ -5,10 +5,10 @@ use veiloc_datasets::write::{DatasetCamera, DatasetLayout, DatasetView, ViewRole
 use veiloc_features::Progress as _;
 use veiloc_synthetic::{PathOptions, RenderOptions, RenderedRoom};
 
-use crate::exit::{Exit, Outcome};
-use crate::stages::Stages;
-use crate::targets::OutFolder;
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Outcome};
+use crate::output::stages::Stages;
+use crate::output::targets::OutFolder;
+use crate::output::ui::Ui;
 
 /// Brightness of a query at night, relative to day.
 const NIGHT: f32 = 0.25;

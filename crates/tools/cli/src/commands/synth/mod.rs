@@ -5,8 +5,8 @@ mod export;
 
 use std::path::Path;
 
-use crate::exit::{Failure, Outcome};
-use crate::ui::Ui;
+use crate::output::exit::{Failure, Outcome};
+use crate::output::ui::Ui;
 
 /// What to render.
 #[derive(clap::Subcommand)]

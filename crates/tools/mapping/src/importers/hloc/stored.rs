@@ -143,7 +143,7 @@ impl Extractor for StoredFeatures {
 
     /// The receptive field of typical networks ([`FeatureStore`] has the scale), because the file does not state one
     /// and images were not padded by mirroring.
-    fn reach(&self) -> f64 {
+    fn support_radius(&self) -> f64 {
         RECEPTIVE_RADIUS
     }
 

@@ -43,8 +43,8 @@ impl Extractor for Counting {
         self.inner.extract(image, max_keypoints)
     }
 
-    fn reach(&self) -> f64 {
-        self.inner.reach()
+    fn support_radius(&self) -> f64 {
+        self.inner.support_radius()
     }
 }
 

@@ -6,11 +6,11 @@ use veiloc_evaluation::attack_evaluation::adversaries::{
     AdversariesDocument, AdversariesEvaluation, adversaries_table, evaluate_adversaries,
 };
 
-use crate::exit::Failure;
-use crate::files;
-use crate::stages::Stages;
-use crate::targets::OutFile;
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::files;
+use crate::output::stages::Stages;
+use crate::output::targets::OutFile;
+use crate::output::ui::Ui;
 
 /// Attacks on the queries of the scenes.
 #[derive(clap::Args)]

@@ -7,8 +7,8 @@ mod submission;
 
 use veiloc_datasets::{aachen, cambridge, seven_scenes};
 
-use crate::exit::{Failure, Outcome};
-use crate::ui::Ui;
+use crate::output::exit::{Failure, Outcome};
+use crate::output::ui::Ui;
 use options::{DataSet, PoseKind};
 use run::{evaluate, refused};
 use submission::write_submissions;

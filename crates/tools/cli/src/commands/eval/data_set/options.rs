@@ -10,12 +10,12 @@ use veiloc_geometry::Intrinsics;
 use veiloc_protocol::{DclLayout, Scheme};
 
 use super::adversaries::AttackArgs;
+use crate::args::extraction_args::ExtractionArgs;
+use crate::args::json_args::JsonArgs;
+use crate::args::localization_args::EstimatorArgs;
 use crate::commands::eval::html::HtmlArgs;
-use crate::exit::Failure;
-use crate::extraction_args::ExtractionArgs;
-use crate::json_args::JsonArgs;
-use crate::localization_args::EstimatorArgs;
-use crate::targets::{OutFile, OutFolder};
+use crate::output::exit::Failure;
+use crate::output::targets::{OutFile, OutFolder};
 
 /// A published data set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]

@@ -12,9 +12,9 @@ use veiloc_report::LengthUnit;
 
 use super::options::{Args, cores};
 use crate::commands::eval::html;
-use crate::exit::{Exit, Failure};
-use crate::stages::Stages;
-use crate::ui::Ui;
+use crate::output::exit::{Exit, Failure};
+use crate::output::stages::Stages;
+use crate::output::ui::Ui;
 
 /// Evaluates the scenes and prints the results. Each scene is read again when its turn comes.
 pub(super) fn evaluate(

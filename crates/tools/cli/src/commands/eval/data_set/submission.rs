@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use veiloc_evaluation::results::DataSetEvaluation;
 use veiloc_evaluation::results::pose_lines::{base_name, hloc_line};
 
-use crate::exit::Failure;
-use crate::files;
-use crate::ui::Ui;
+use crate::output::exit::Failure;
+use crate::output::files;
+use crate::output::ui::Ui;
 
 /// Writes one file per scheme: for each query with a pose the file name, quaternion and translation, world to camera.
 /// Queries without a pose are left out; the site counts them as not localized.
