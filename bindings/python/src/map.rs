@@ -90,7 +90,7 @@ impl Map {
     ///     MapError: the model cannot be read, no map can be built from these images, or nothing can be localized in it.
     #[staticmethod]
     #[pyo3(signature = (posed, images, *, names=None, features="compact", down=None, metres=false, self_test=true, keep_broken=false, skip_bad=false, other_frame="refuse", work=None, progress=None))]
-    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+    #[expect(clippy::too_many_arguments, clippy::fn_params_excessive_bools, reason = "keywords in Python")]
     fn build(
         py: Python<'_>,
         posed: &Bound<'_, PyAny>,
@@ -213,7 +213,7 @@ impl Map {
     ///     MapError, ImageError: as for `build`.
     #[staticmethod]
     #[pyo3(signature = (model, images, *, features="compact", down=None, metres=false, self_test=true, keep_broken=false, skip_bad=false, other_frame="refuse", progress=None))]
-    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+    #[expect(clippy::too_many_arguments, clippy::fn_params_excessive_bools, reason = "keywords in Python")]
     fn from_colmap(
         py: Python<'_>,
         model: PathBuf,

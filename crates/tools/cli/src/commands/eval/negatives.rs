@@ -104,12 +104,14 @@ impl NegativeArgs {
             }
         }
         if !left_out.is_empty() {
-            let shown = left_out.iter().take(SHOWN).map(|fault| format!("\n  {fault}")).collect::<String>();
-            let more = left_out.len().saturating_sub(SHOWN);
-            let more = if more > 0 { format!("\n  and {more} more") } else { String::new() };
+            let mut shown: Vec<String> = left_out.iter().take(SHOWN).cloned().collect();
+            if left_out.len() > SHOWN {
+                shown.push(format!("and {} more", left_out.len() - SHOWN));
+            }
             ui.warn(format_args!(
-                "{} of {all} out-of-map images cannot be used, and are left out:{shown}{more}",
-                left_out.len()
+                "{} of {all} out-of-map images cannot be used, and are left out:\n  {}",
+                left_out.len(),
+                shown.join("\n  ")
             ));
         }
         if images.is_empty() {
