@@ -278,6 +278,33 @@ impl fmt::Display for Doubt {
 }
 
 impl Confidence {
+    /// From the log evidence and the required one; nothing else is known yet, and the covariance is 0.
+    pub(crate) const fn new(
+        [log_evidence, min_log_evidence]: [f64; 2],
+        margin: f64,
+        distance: f64,
+        sides: Option<[usize; 2]>,
+    ) -> Self {
+        Self {
+            log_evidence,
+            min_log_evidence,
+            margin,
+            rival_log_evidence: None,
+            position_deviation: None,
+            gravity: None,
+            center_sd: 0.0,
+            center_sd_relative: 0.0,
+            held_relative: 0.0,
+            held_rotation_deg: 0.0,
+            distance,
+            rotation_sd_deg: 0.0,
+            needed: Precision::ANY,
+            other_focal: None,
+            is_camera_contradicted: false,
+            sides,
+        }
+    }
+
     /// Whether there are no doubts about the pose.
     pub fn is_trusted(&self) -> bool {
         self.doubts().is_empty()
@@ -391,26 +418,12 @@ pub(crate) fn assess(
     covariance: &Symmetric6,
     margin: f64,
 ) -> Confidence {
-    let confidence = Confidence {
-        min_log_evidence: min_log_evidence(matches),
-        log_evidence: log_evidence(matches, likelihoods, &Matrix6::from_fn(|i, j| covariance[i][j])),
-        margin,
-        rival_log_evidence: None,
-        position_deviation: None,
-        gravity: None,
-        center_sd: 0.0,
-        center_sd_relative: 0.0,
-        held_relative: 0.0,
-        held_rotation_deg: rotation_sd_degrees(covariance),
-        distance: typical_distance(matches, pose, inliers),
-        rotation_sd_deg: 0.0,
-        needed: Precision::ANY,
-        other_focal: None,
-        is_camera_contradicted: false,
-        sides: matches!(matches.observations, Correspondences::Anchored { .. })
-            .then(|| richest(matches, inliers).1),
-    };
-    confidence.with_covariances(covariance, covariance)
+    let log_evidence = log_evidence(matches, likelihoods, &Matrix6::from_fn(|i, j| covariance[i][j]));
+    let sides =
+        matches!(matches.observations, Correspondences::Anchored { .. }).then(|| richest(matches, inliers).1);
+    let distance = typical_distance(matches, pose, inliers);
+    Confidence::new([log_evidence, min_log_evidence(matches)], margin, distance, sides)
+        .with_covariances(covariance, covariance)
 }
 
 /// Minimum log evidence of a trusted pose from such observations.

@@ -151,7 +151,7 @@ pub enum CameraVerdict {
 impl CameraObjective<'_> {
     /// The matches linearized at a pose with its camera, which is an optimum.
     pub fn linearize(&self, at: &PoseWithCamera) -> CameraLinearization {
-        let (system, scores) = (self.objective.linearize(at), self.objective.scores(at));
+        let (system, scores) = self.objective.linearize_with_scores(at);
         let influence = without_pose(&system, self.shared_variance(&system, &scores, at));
         CameraLinearization { at: *at, system, scores, influence }
     }

@@ -66,21 +66,16 @@ struct WeightedResidual {
 }
 
 impl CovarianceInputs<'_> {
-    /// Covariance of the pose; infinite on the diagonal when a direction is free.
-    pub fn covariance(&self) -> Symmetric6 {
-        self.sandwich_terms()
-            .and_then(|(hessian, score_covariance)| sandwich(&hessian, &score_covariance))
-            .unwrap_or_else(infinite)
-    }
-
-    /// Its inverse; where a direction is free, the information about the others. 0 when there are too few matches to
-    /// estimate their noise.
-    pub fn information(&self) -> Matrix6<f64> {
-        let Some((hessian, score_covariance)) = self.sandwich_terms() else { return Matrix6::zeros() };
-        let covariance = sandwich(&hessian, &score_covariance).map(|c| Matrix6::from_fn(|i, j| c[i][j]));
-        covariance
-            .and_then(|c| c.try_inverse())
-            .unwrap_or_else(|| hessian.fixed_view::<6, 6>(0, 0).clone_owned())
+    /// Covariance of the pose, infinite on the diagonal when a direction is free, and its inverse; where a direction is
+    /// free, the information about the others, and 0 when there are too few matches to estimate their noise.
+    pub fn covariance_and_information(&self) -> (Symmetric6, Matrix6<f64>) {
+        let Some((hessian, score_covariance)) = self.sandwich_terms() else {
+            return (infinite(), Matrix6::zeros());
+        };
+        let covariance = sandwich(&hessian, &score_covariance);
+        let inverse = covariance.and_then(|c| Matrix6::from_fn(|i, j| c[i][j]).try_inverse());
+        let information = inverse.unwrap_or_else(|| hessian.fixed_view::<6, 6>(0, 0).clone_owned());
+        (covariance.unwrap_or_else(infinite), information)
     }
 
     /// `H` and the matrix between its inverses; `None` when there are too few matches.

@@ -28,17 +28,41 @@ pub struct Scores {
     pub agreeing: usize,
 }
 
+impl Scores {
+    fn new(matches: &Matches<'_>) -> Self {
+        Self { cells: ScoreCells::new(&matches.camera), agreeing: 0 }
+    }
+
+    fn add(&mut self, residual: &Residual, term: &LikelihoodTerm) {
+        self.cells.add(&residual.pixel, &residual.score(term));
+        self.agreeing += usize::from(term.log_ratio > 0.0);
+    }
+}
+
 impl Objective<'_> {
     /// Loss and derivatives. Correspondences that cannot be seen count as certainly wrong.
     pub fn linearize<const N: usize>(&self, at: &PoseWithCamera) -> System<N> {
-        self.system(at, true)
+        self.system(at, true, |_, _| ())
+    }
+
+    /// The same with the scores of the matches, in one pass.
+    pub fn linearize_with_scores<const N: usize>(&self, at: &PoseWithCamera) -> (System<N>, Scores) {
+        let mut scores = Scores::new(self.matches);
+        let system = self.system(at, true, |residual, term| scores.add(residual, term));
+        (system, scores)
     }
 
     /// The same; when not `gated`, also of matches whose points project outside of the image or of their sector.
-    fn system<const N: usize>(&self, at: &PoseWithCamera, gated: bool) -> System<N> {
+    fn system<const N: usize>(
+        &self,
+        at: &PoseWithCamera,
+        gated: bool,
+        mut visit: impl FnMut(&Residual, &LikelihoodTerm),
+    ) -> System<N> {
         let mut system = System::<N>::empty();
         let rows = self.matches.residuals();
         self.each(at, gated, |residual, term| {
+            visit(residual, term);
             system.loss += term.loss;
             system.add(residual, term.weight, term.right, rows);
         });
@@ -49,11 +73,8 @@ impl Objective<'_> {
 
     /// The scores of the matches.
     pub fn scores(&self, at: &PoseWithCamera) -> Scores {
-        let mut scores = Scores { cells: ScoreCells::new(&self.matches.camera), agreeing: 0 };
-        self.each(at, true, |residual, term| {
-            scores.cells.add(&residual.pixel, &residual.score(term));
-            scores.agreeing += usize::from(term.log_ratio > 0.0);
-        });
+        let mut scores = Scores::new(self.matches);
+        self.each(at, true, |residual, term| scores.add(residual, term));
         scores
     }
 
@@ -70,7 +91,8 @@ impl Objective<'_> {
         let step = |at: &PoseWithCamera, here: &System<N>, damping| {
             Some((at.moved(here.damped_step(damping)?.as_slice())?, f64::INFINITY))
         };
-        let look = |at: &PoseWithCamera| self.system::<N>(at, gated).with_camera_prior(&at.change, sd);
+        let look =
+            |at: &PoseWithCamera| self.system::<N>(at, gated, |_, _| ()).with_camera_prior(&at.change, sd);
         levenberg_marquardt(*start, convergence, look, |here| here.loss, step).at
     }
 

@@ -7,13 +7,13 @@ use veiloc_geometry::nalgebra::Matrix6;
 use super::cameras::CameraTest;
 use super::estimate::{FrameEstimate, RigEstimate};
 use super::evidence::{FrameContribution, FrameEvidence, combine_evidence};
-use super::frame::RigFrame;
+use super::frame::{Frame, RigFrame};
 use super::joint::Poses;
 use super::lens::Refined;
 use super::search::Search;
 use crate::error::PoseError;
 use crate::likelihood::{
-    FocalVerdict, GravityTest, PosePriors, Symmetric6, free_along, inverse_or_infinite, sum, with_shift,
+    FocalVerdict, GravityTest, Symmetric6, free_along, inverse_or_infinite, sum, with_shift,
 };
 use crate::options::PoseOptions;
 
@@ -52,7 +52,7 @@ pub(super) fn refine_and_assess(
     if !has_gravity || estimate.confidence.gravity.is_some_and(|gravity| gravity.is_close()) {
         return Ok(estimate);
     }
-    search.frames.iter_mut().for_each(super::frame::Frame::without_gravity);
+    search.frames.iter_mut().for_each(Frame::without_gravity);
     with_priors(search, found, frames, options)
 }
 
@@ -105,7 +105,7 @@ fn with_priors(
         by_matches,
     };
     let sd = position_sd(&covariances.by_matches);
-    let deviation = |(frame, cam): (&super::frame::Frame<'_>, _)| frame.priors().position_deviation(cam, sd);
+    let deviation = |(frame, cam): (&Frame<'_>, _)| frame.priors().position_deviation(cam, sd);
     confidence.position_deviation =
         search.frames.iter().zip(&poses.cams).filter_map(deviation).reduce(f64::max);
     // A pose may be wrong by the effect of another focal length, where the effect is too small to estimate that.
@@ -172,14 +172,13 @@ fn information_of_priors(
     poses: &Poses,
     with_gravity: bool,
 ) -> Matrix6<f64> {
-    let of = |(((frame, constraint), contribution), cam): (((&super::frame::Frame<'_>, _), _), _)| {
-        let constraint: &super::odometry::OdometryConstraint = constraint;
-        let contribution: &FrameContribution<'_> = contribution;
-        let priors: PosePriors =
-            if with_gravity { frame.priors().clone() } else { frame.priors().without_gravity() };
-        constraint.information_over_rig(&priors.information(cam), &contribution.deviation)
-    };
-    search.frames.iter().zip(&search.constraints).zip(contributions).zip(&poses.cams).map(of).sum()
+    let mut all = Matrix6::zeros();
+    for (f, frame) in search.frames.iter().enumerate() {
+        let priors = if with_gravity { frame.priors().clone() } else { frame.priors().without_gravity() };
+        let of_camera = priors.information(&poses.cams[f]);
+        all += search.constraints[f].information_over_rig(&of_camera, &contributions[f].deviation);
+    }
+    all
 }
 
 /// The estimate of each frame, including those without correspondences.

@@ -25,7 +25,7 @@ use super::frame::{Frame, agreeing};
 use super::joint::Poses;
 use super::odometry::{Deviation, OdometryConstraint};
 use crate::confidence::{
-    Confidence, MIN_MARGIN, Precision, free_direction, gains, log_det, log_poses, min_log_evidence,
+    Confidence, MIN_MARGIN, free_direction, gains, log_det, log_poses, min_log_evidence,
 };
 use crate::likelihood::{
     Correspondences, CovarianceInputs, Matches, PosePriors, Symmetric6, inverse_or_infinite,
@@ -182,21 +182,20 @@ fn information_from_matches(
     inliers: &[usize],
     is_alone: bool,
 ) -> (Matrix6<f64>, Option<(Vector3<f64>, f64)>) {
-    let covariance = inputs.covariance();
+    let (covariance, information) = inputs.covariance_and_information();
     let free = (is_alone || covariance[3][3] < f64::INFINITY)
         .then(|| free_direction(inputs.matches, inputs.pose, inliers, inputs.likelihoods, &covariance))
         .flatten();
     match free {
-        Some(_) if is_alone => (CovarianceInputs { free, ..inputs }.information(), free),
+        Some(_) if is_alone => (CovarianceInputs { free, ..inputs }.covariance_and_information().1, free),
         Some((ray, _)) => {
-            let information = inputs.information();
             let direction = Vector6::new(0.0, 0.0, 0.0, ray.x, ray.y, ray.z);
             let along = information * direction;
             let held = direction.dot(&along);
             let rest = along * along.transpose() / held;
             (if held > 0.0 { information - rest } else { information }, None)
         }
-        None => (inputs.information(), None),
+        None => (information, None),
     }
 }
 
@@ -208,6 +207,10 @@ fn averaged(frames: usize) -> f64 {
 
 /// Counts in how many frames each point has a gain of the same sign.
 fn count_shared_points(contributions: &mut [FrameContribution<'_>]) {
+    if let [alone] = contributions {
+        alone.frames = vec![1; alone.gains.len()];
+        return;
+    }
     let mut frames: BTreeMap<(PointKey, bool), BTreeSet<usize>> = BTreeMap::new();
     for (f, contribution) in contributions.iter().enumerate() {
         for (gain, point) in &contribution.gains {
@@ -304,25 +307,9 @@ impl FrameEvidence {
                 w.inliers.iter().map(|&i| (cam.rotation() * points[i] + cam.translation()).norm())
             })
             .collect();
-        let least = contributions.iter().map(|w| min_log_evidence(w.frame.matches()));
-        Confidence {
-            min_log_evidence: least.fold(0.0, f64::max),
-            log_evidence: self.log_evidence,
-            margin: margin * self.share,
-            rival_log_evidence: None,
-            position_deviation: None,
-            gravity: None,
-            center_sd: 0.0,
-            center_sd_relative: 0.0,
-            held_relative: 0.0,
-            held_rotation_deg: 0.0,
-            distance: upper_median(&mut distances).unwrap_or(f64::NAN),
-            rotation_sd_deg: 0.0,
-            needed: Precision::ANY,
-            other_focal: None,
-            is_camera_contradicted: false,
-            sides: sides(contributions),
-        }
+        let least = contributions.iter().map(|w| min_log_evidence(w.frame.matches())).fold(0.0, f64::max);
+        let distance = upper_median(&mut distances).unwrap_or(f64::NAN);
+        Confidence::new([self.log_evidence, least], margin * self.share, distance, sides(contributions))
     }
 }
 

@@ -5,13 +5,14 @@ use super::support;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use support::rigs::{ODOMETRY, session};
 use support::{Scheme, Setup, problem};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Rotation3, Unit, Vector3};
 use veiloc_geometry::{CameraFromWorld, Point3, Rigid3};
 use veiloc_pose::{
     Correspondences, Doubt, Gravity, PoseEstimate, PoseOptions, PoseProblem, PositionPrior, State,
-    estimate_pose,
+    estimate_pose, estimate_rig_pose,
 };
 
 const SCHEMES: [Scheme; 3] = [Scheme::Points, Scheme::Lines, Scheme::Dcl];
@@ -44,6 +45,37 @@ fn turned(truth: &CameraFromWorld, degrees: f64, side: f64, sd_deg: f64) -> Grav
     let axis = Rotation3::from_axis_angle(&Unit::new_normalize(felt), side) * across;
     let turn = Rotation3::from_axis_angle(&axis, degrees.to_radians());
     Gravity { in_camera: turn * felt, in_world: DOWN, sd_deg }
+}
+
+/// The gravity of a rig is tested in every frame: right directions are confirmed, and one that a frame contradicts has no
+/// influence on the pose, and is a doubt.
+#[test]
+fn gravity_of_a_rig_is_tested_in_every_frame() {
+    for scheme in SCHEMES {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let setup = Setup { scheme, right: 80, wrong: 60, noise: 0.5 };
+        let (plain, truth) = session(&setup, 3, ODOMETRY, &mut rng);
+        let found = |degrees: [f64; 3]| {
+            let mut frames = plain.clone();
+            for (frame, degrees) in frames.iter_mut().zip(degrees) {
+                let cam = frame.cam_from_rig.compose(&truth);
+                frame.problem.gravity = (!degrees.is_nan()).then(|| turned(&cam, degrees, 0.3, 0.5));
+            }
+            let mut rng = ChaCha8Rng::seed_from_u64(4);
+            estimate_rig_pose(&frames, &PoseOptions::default(), &mut rng).expect("a pose")
+        };
+        let without = found([f64::NAN; 3]);
+        let right = found([0.2, 0.4, 0.0]);
+        let agreement = right.confidence.gravity.expect("tested");
+        assert!(agreement.log_evidence > 3.0, "{scheme:?}: {agreement:?}");
+        assert!(right.confidence.rotation_sd_deg <= without.confidence.rotation_sd_deg, "{scheme:?}");
+        assert_eq!(right.confidence.state(), State::Trusted, "{scheme:?}");
+        let wrong = found([0.0, f64::NAN, 30.0]);
+        let doubts = wrong.confidence.doubts();
+        assert!(doubts.iter().any(|doubt| matches!(doubt, Doubt::Gravity { .. })), "{scheme:?}: {doubts:?}");
+        let moved = wrong.rig_from_world.translation_error(&without.rig_from_world);
+        assert!(moved < 0.1 * without.confidence.center_sd, "{scheme:?}: {moved}");
+    }
 }
 
 #[test]
