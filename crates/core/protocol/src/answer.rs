@@ -4,7 +4,7 @@
 
 use std::fmt;
 
-use veiloc_geometry::nalgebra::Matrix3;
+use veiloc_geometry::deviations::position_sd;
 
 /// State of an answer. A query without a pose gets an error response instead of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -77,11 +77,7 @@ impl AnswerPose {
     /// The ± of the position: standard deviation of `center` in its least certain direction, map units; infinite where
     /// the matches leave a direction free.
     pub fn position_sd(&self) -> f64 {
-        let covariance = Matrix3::from_fn(|i, j| self.center_covariance[i][j]);
-        if covariance.iter().any(|c| !c.is_finite()) {
-            return f64::INFINITY;
-        }
-        covariance.symmetric_eigenvalues().max().max(0.0).sqrt()
+        position_sd(&self.covariance)
     }
 }
 

@@ -152,6 +152,10 @@ impl Answer {
             hypotheses: present("hypotheses", message.hypotheses)?,
             times: AnswerTimes { queue_ms, retrieve_ms, match_ms, pose_ms },
         };
+        if answer.trusted != answer.doubts.is_empty() {
+            let actual = format!("{} with {} doubts", answer.state(), answer.doubts.len());
+            return Err(invalid("trusted", "1 without doubts, and 0 with some", &actual));
+        }
         if answer.encode() != bytes {
             return Err(QueryError::NotCanonical { what: FORMAT.what });
         }

@@ -281,7 +281,6 @@ impl Alignment {
         covariance += diagonal(self.options.rotation_floor_deg, self.options.position_floor);
         let ar_from_cam = cam_from_ar.inverse();
         let to_world = transport(ar_from_cam.rotation().matrix(), ar_from_cam.translation());
-        let largest = Matrix3::from_fn(|i, j| pose.center_covariance[i][j]).symmetric_eigenvalues().max();
         Some(Measurement {
             ar_from_map: ar_from_cam.compose(&cam_from_map),
             covariance: to_world * covariance * to_world.transpose(),
@@ -289,7 +288,7 @@ impl Alignment {
             place: Place {
                 in_map: cam_from_map.center().coords,
                 in_ar: *ar_from_cam.translation(),
-                sd: largest.max(0.0).sqrt() * metres,
+                sd: pose.position_sd() * metres,
                 path: self.path,
             },
             used: false,

@@ -44,7 +44,7 @@ fn answer(trusted: bool, sd: f64) -> Vec<u8> {
     let doubt = answer.doubts.first().cloned();
     answer.doubts = if trusted { Vec::new() } else { doubt.into_iter().collect() };
     let pose = answer.pose.as_mut().expect("a pose");
-    pose.center_covariance = [[sd * sd, 0.0, 0.0], [0.0, sd * sd, 0.0], [0.0, 0.0, sd * sd]];
+    pose.covariance = std::array::from_fn(|i| std::array::from_fn(|j| if i == j { sd * sd } else { 0.0 }));
     protobuf(&answer.encode())
 }
 
