@@ -202,6 +202,8 @@ export interface MapEntry {
   images: number;
   points: number;
   profile_id: string;
+  /** Metres of a unit of the map, 1; null when the unit is not known. */
+  metres_per_unit: number | null;
 }
 
 export interface Step {

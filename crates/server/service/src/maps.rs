@@ -104,7 +104,7 @@ impl LoadedMap {
     }
 
     /// Whether map units are metres; false if not known.
-    fn is_metric(&self) -> bool {
+    pub(crate) fn is_metric(&self) -> bool {
         match &self.backend {
             Backend::Local(map) => map.is_metric(),
             Backend::Remote { description, .. } => description.is_metric,

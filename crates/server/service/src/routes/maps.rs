@@ -36,6 +36,8 @@ struct MapEntry {
     points: usize,
     /// Id of its profile: 32 hexadecimal digits, the first half of the SHA-256 of its bytes.
     profile_id: String,
+    /// Metres of a unit of the map, 1; `null` when the unit is not known.
+    metres_per_unit: Option<f64>,
 }
 
 /// The maps that the token may use.
@@ -56,6 +58,7 @@ pub(super) async fn list(
         images: loaded.images,
         points: loaded.points,
         profile_id: loaded.profile_id.clone(),
+        metres_per_unit: loaded.is_metric().then_some(1.0),
     });
     let body = serde_json::to_vec(&MapList { maps: maps.collect() }).map_err(|_| Problem::Broken)?;
     Ok(([(CONTENT_TYPE, "application/json")], body).into_response())

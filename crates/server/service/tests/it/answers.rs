@@ -6,7 +6,7 @@ use common::http::Request;
 use common::{Files, OPERATOR, PHONE, Running, eventually, truth};
 use veiloc_geometry::{CameraFromRig, CameraFromWorld};
 use veiloc_localization::{LocalizeOptions, localize};
-use veiloc_map::MapFile;
+use veiloc_map::{MapFile, MapModel};
 use veiloc_protocol::{Answer, AnswerDocument, Profile, RigMessage, SealedFrame, SealedQuery};
 
 #[test]
@@ -171,6 +171,22 @@ fn profile_etag_allows_revalidation() {
     assert_eq!(list["maps"][0]["name"], "place");
     assert_eq!(list["maps"][0]["images"], 6);
     assert_eq!(list["maps"][0]["profile_id"], profile.id().to_string());
+}
+
+/// An app sees the unit of a map before it asks for a pose: the metre, or none that is known.
+#[test]
+fn list_of_maps_states_their_units() {
+    let files = Files::new();
+    let mut options = files.open_options();
+    let mut metric = options.maps[0].clone();
+    (metric.name, metric.path) = ("metric".to_owned(), metric.path.with_file_name("metric.vmap"));
+    let model = MapModel { is_metric: true, ..files.scene.map(6) };
+    veiloc_map::write(&model, &metric.path).expect("written");
+    options.maps.push(metric);
+    let list = Running::start(options).get("/v1/maps", PHONE).json();
+    let unit = |at: usize| (&list["maps"][at]["name"], &list["maps"][at]["metres_per_unit"]);
+    assert_eq!(unit(0), (&"place".into(), &serde_json::Value::Null));
+    assert_eq!(unit(1), (&"metric".into(), &1.0.into()));
 }
 
 #[test]
