@@ -118,6 +118,21 @@ fn only_doubtful_poses_can_be_withheld() {
     assert_eq!(Answer::decode(&answer(1, 0).encode()), Ok(answer(1, 0)));
 }
 
+#[test]
+fn position_sd_is_the_largest_standard_deviation() {
+    let mut pose = answer(1, 0).pose.expect("a pose");
+    // Rotated about the third axis by 30 degrees: variances 4, 1 and 0.25 along the rotated axes.
+    let (s, c) = (0.5, 0.75_f64.sqrt());
+    let block =
+        [[4.0 * c * c + s * s, 3.0 * s * c, 0.0], [3.0 * s * c, 4.0 * s * s + c * c, 0.0], [0.0, 0.0, 0.25]];
+    for (row, of_translation) in pose.covariance[3..].iter_mut().zip(block) {
+        row[3..].copy_from_slice(&of_translation);
+    }
+    assert!((pose.position_sd() - 2.0).abs() < 1e-12, "{}", pose.position_sd());
+    pose.covariance[5][5] = f64::INFINITY;
+    assert!(pose.position_sd().is_infinite());
+}
+
 /// A reader that looks at `trusted` and one that looks at the doubts come to the same.
 #[test]
 fn trusted_answers_have_no_doubts_and_others_have_some() {
