@@ -137,7 +137,7 @@ async function withService(answers, run) {
 
 const query = new Uint8Array([1, 2, 3]);
 const kind = (kind) => (error) => error instanceof VeilocError && error.kind === kind;
-const answer = { version: 1, trusted: false, doubts: [{ kind: "other", text: "a\u001b[2Jb\u202e" }], center: [1, 2, 3], cam_from_world: {}, position_sd: 1 };
+const answer = { version: 1, state: "doubtful", doubts: [{ kind: "other", text: "a\u001b[2Jb\u202e" }], center: [1, 2, 3], cam_from_world: {}, position_sd: 1 };
 
 test("a retry sends the same bytes", async () => {
   const busy = { status: 503, headers: { "retry-after": "0" }, body: { type: "urn:veiloc:problem:queue-full", title: "Busy", detail: "later" } };
@@ -149,6 +149,11 @@ test("a retry sends the same bytes", async () => {
     assert.equal(requests[0].headers.authorization, "Bearer abc");
     assert.equal(requests[0].headers.cookie ?? requests[0].headers.referer, undefined);
   });
+});
+
+test("an answer is the document that every interface gives", async () => {
+  const document = JSON.parse(readFileSync(new URL("../../crates/core/protocol/tests/data/doubtful.json", import.meta.url), "utf8"));
+  await withService([{ body: document }], async (address) => assert.deepEqual(await new Client(address).localize("lobby", query), document));
 });
 
 test("refusals have a kind, and permanent ones are not retried", async () => {
@@ -166,13 +171,13 @@ test("refusals have a kind, and permanent ones are not retried", async () => {
 });
 
 test("invalid answers of a service are refused", async () => {
-  for (const invalid of [{ type: "text/html", body: "<h1>Hotel</h1>" }, { body: "{" }, { body: { trusted: "yes" } }]) {
+  for (const invalid of [{ type: "text/html", body: "<h1>Hotel</h1>" }, { body: "{" }, { body: { state: "sure", doubts: [] } }, { body: { ...answer, state: "trusted" } }, { body: { ...answer, doubts: [] } }]) {
     await withService([invalid], (address) => assert.rejects(new Client(address).localize("lobby", query), kind("bad-answer")));
   }
   await withService([{ type: "text/html" }], (address) => assert.rejects(new Client(address).profile("lobby"), kind("bad-answer")));
   await withService([{ body: answer }], async (address) => {
     const received = await new Client(address).localize("lobby", query, { trustedOnly: true });
-    assert.ok(!("center" in received) && !("position_sd" in received) && !received.trusted);
+    assert.ok(!("center" in received) && !("position_sd" in received) && received.state === "doubtful");
   });
   // Redirects to another address are not followed.
   await withService([{ status: 302, headers: { location: "http://127.0.0.1:1/" } }], (address) =>
@@ -193,7 +198,7 @@ test("plain HTTP and invalid addresses, tokens and map names are refused", () =>
 test("progressive localization stops at the first trusted pose", async () => {
   const sealed = { steps: [256, 512, 1024], step: async (rows) => new Uint8Array(rows), unbalanced: null };
   const none = { status: 422, body: { type: "urn:veiloc:problem:not-localized" } };
-  await withService([none, { body: { ...answer, trusted: true, doubts: [] } }], async (address) => {
+  await withService([none, { body: { ...answer, state: "trusted", doubts: [] } }], async (address) => {
     const { steps } = await new Client(address).localizeProgressive("lobby", sealed);
     assert.deepEqual(steps, [{ rows: 256, bytes: 256, outcome: "not-found" }, { rows: 512, bytes: 512, outcome: "trusted" }]);
   });

@@ -69,7 +69,7 @@ int main(int argc, char **argv) {
   free(reply);
   if (veiloc_session_new(NULL, &session) != VEILOC_STATUS_OK) return failed("the session");
   if (veiloc_burst_new(NULL, &burst) != VEILOC_STATUS_OK) return failed("the burst");
-  if (veiloc_alignment_new(1.0, &alignment) != VEILOC_STATUS_OK) return failed("the alignment");
+  if (veiloc_alignment_new(0, &alignment) != VEILOC_STATUS_OK) return failed("the alignment");
   poses = fopen(argv[6], "r");
   if (!poses) return failed(argv[6]);
 
@@ -119,8 +119,10 @@ int main(int argc, char **argv) {
       VeilocUpdate update;
       if (veiloc_answer_new(reply, length, &answer) != VEILOC_STATUS_OK) return failed("the answer");
       numbers = veiloc_answer_info(answer);
+      /* Until the unit of the map is known, a burst is one frame. */
+      if (veiloc_burst_learn_unit(burst, answer) != VEILOC_STATUS_OK) return failed("the unit");
       misses = 0;
-      if (veiloc_answer_camera_in_map(answer, VEILOC_AXES_OPEN_GL, 1.0, &found) == VEILOC_STATUS_OK &&
+      if (veiloc_answer_camera_in_map(answer, VEILOC_AXES_OPEN_GL, 0, &found) == VEILOC_STATUS_OK &&
           veiloc_alignment_add(alignment, answer, VEILOC_AXES_OPEN_GL, &pose, &update) == VEILOC_STATUS_OK) {
         printf("%d %s %.6f %.6f %.6f update %d\n", i - 7, numbers.trusted ? "trusted" : "doubtful", found.position[0],
                found.position[1], found.position[2], (int)update);

@@ -72,10 +72,11 @@ static int run(int argc, char **argv) {
       continue;
     }
     const auto answer = veiloc::answer(reply.data(), reply.size());
+    veiloc::learn_unit(burst, answer);
     const auto newest = veiloc::camera_in_world(sealed, VEILOC_AXES_OPEN_GL);
     const auto update = veiloc::add(alignment, answer, VEILOC_AXES_OPEN_GL, newest);
     VeilocPose found{};
-    veiloc::check(veiloc_answer_camera_in_map(answer.get(), VEILOC_AXES_OPEN_GL, 1.0, &found));
+    veiloc::check(veiloc_answer_camera_in_map(answer.get(), VEILOC_AXES_OPEN_GL, 0, &found));
     std::printf("%d %s %.6f %.6f %.6f update %d\n", i - 7, veiloc_answer_info(answer.get()).trusted ? "trusted" : "doubtful",
                 found.position[0], found.position[1], found.position[2], int(update));
   }

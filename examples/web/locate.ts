@@ -21,7 +21,7 @@ export async function* locate(video: HTMLVideoElement, camera: string | null, se
     while (!signal.aborted) {
       const seal = () => device.sealed(video, camera, { session, attitude: sensors.now(), maxKeypoints: 1024 });
       const answer = await localize(client, map, seal, signal);
-      if (answer?.trusted && answer.center && answer.position_sd != null) {
+      if (answer?.state === "trusted" && answer.center && answer.position_sd != null) {
         yield { center: answer.center, sd: answer.position_sd };
       }
     }

@@ -108,8 +108,8 @@ class Place:
             shutil.rmtree(place, ignore_errors=True)
             run(veiloc, "synth", "city", "--rooms", 1, "--map-views", 24, "--query-views", 18, "--width", 640, "--seed", 3, "--quiet",
                 "--out", place)
-            run(veiloc, "map", "build", "--posed", place / "posed", "--images", place / "images", "--list", place / "map.txt", "--quiet",
-                "-o", self.map)
+            run(veiloc, "map", "build", "--posed", place / "posed", "--images", place / "images", "--list", place / "map.txt", "--metres",
+                "--quiet", "-o", self.map)
         self.profile = work / "place.profile"
         run(veiloc, "map", "profile", self.map, "--out", self.profile, "--quiet")
         camera = (place / "posed/cameras.txt").read_text().splitlines()[-1].split()
@@ -148,6 +148,9 @@ class Place:
     def reference(self, name, camera, images):
         """Raw frames and the queries that the library makes of the files."""
         run(self.libraries / "examples/reference", self.profile, camera, self.work / name, *images)
+        # An answer and its document, which each language must give to the byte.
+        for known, copy in (("doubtful.answer", "answer"), ("doubtful.json", "answer.json")):
+            shutil.copyfile(ROOT / "crates/core/protocol/tests/data" / known, self.work / name / copy)
 
     def locate(self, *program, **options):
         """Runs an example of a language against the service, and checks its poses."""

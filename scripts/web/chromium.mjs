@@ -185,7 +185,7 @@ async function main() {
       const blob = await (await fetch(`/page/${view.file}`)).blob();
       const sealed = await device.sealed(blob, view.camera, { session, attitude: { orientation: poses[view.file].q } });
       const { answer, steps } = await client.localizeProgressive("demo", sealed);
-      found.push({ name: view.file, trusted: answer.trusted, center: answer.center, sd: answer.position_sd, steps: steps.length, frames: sealed.frames, starts: sealed.starts });
+      found.push({ name: view.file, trusted: answer.state === "trusted", center: answer.center, sd: answer.position_sd, steps: steps.length, frames: sealed.frames, starts: sealed.starts });
     }
     const bytes = await session.bytes();
     const resumed = await (await device.session({ bytes })).bytes();

@@ -74,7 +74,7 @@ async function main() {
     const { medianPx, priorMedianPx } = await sealed.attack("prior");
     device.close();
     const closed = await sealed.attack("prior").catch((error) => error.kind);
-    return { trusted: answer.trusted, sd: answer.position_sd, steps: steps.length, medianPx, priorMedianPx, closed };
+    return { trusted: answer.state === "trusted", sd: answer.position_sd, steps: steps.length, medianPx, priorMedianPx, closed };
   }, views[1]);
   check("an image is localized, and attacked in its own worker", result.trusted && result.medianPx === result.priorMedianPx && result.closed === "closed", JSON.stringify(result));
 

@@ -81,6 +81,8 @@ typedef enum VeilocUpdate {
   VEILOC_UPDATE_DOUBTFUL = 3,
   // It has no pose, or one with a free direction. Nothing changed.
   VEILOC_UPDATE_NO_POSE = 4,
+  // It does not state the unit of the map, and `veiloc_alignment_new` got none. Nothing changed.
+  VEILOC_UPDATE_UNKNOWN_UNIT = 5,
 } VeilocUpdate;
 
 // How far the transform is known.
@@ -213,8 +215,13 @@ typedef struct VeilocAnswerInfo {
   bool has_pose;
   // Whether there are no doubts about the pose.
   bool trusted;
-  // Standard deviation of the position in its least certain direction, map units; infinite without a pose.
+  // Standard deviation of the position in its least certain direction, map units; infinite without a pose. Relative
+  // to the map, not to the earth.
   double position_sd;
+  // Metres of a unit of the map; 0 when the unit is not known.
+  double metres_per_unit;
+  // Direction of gravity in the map, a unit vector; zeros when the map does not know it.
+  double down[3];
   // Rows that agree with the pose.
   uint32_t inliers;
   // Rows that were matched to map points.
@@ -222,6 +229,14 @@ typedef struct VeilocAnswerInfo {
   // Doubts: bit 0 other, 1 weak evidence, 2 ambiguous, 3 imprecise, 4 one-sided.
   uint32_t doubts;
 } VeilocAnswerInfo;
+
+// Bytes that the library made: freed by `veiloc_bytes_free`.
+typedef struct VeilocBytes {
+  // The first byte; null when there are none.
+  uint8_t *data;
+  // How many.
+  size_t length;
+} VeilocBytes;
 
 // Which frames a burst keeps, and how exact their poses are. Zero is the default of each.
 typedef struct VeilocBurstOptions {
@@ -234,7 +249,8 @@ typedef struct VeilocBurstOptions {
   double rotation_sd_deg;
   // The same of the position, metres; default 0.01.
   double translation_sd;
-  // Metres of a unit of the map; default 1. Where it is not known, use one frame.
+  // Metres of a unit of the map, as `GET /v1/maps` and every answer state it; default not known: until
+  // `veiloc_burst_learn_unit` learns it, one frame is sealed at a time.
   double metres_per_unit;
 } VeilocBurstOptions;
 
@@ -291,14 +307,6 @@ typedef struct VeilocOptions {
   const struct VeilocCancellation *cancellation;
 } VeilocOptions;
 
-// Bytes that the library made: freed by `veiloc_bytes_free`.
-typedef struct VeilocBytes {
-  // The first byte; null when there are none.
-  uint8_t *data;
-  // How many.
-  size_t length;
-} VeilocBytes;
-
 // What is known about a burst that was sealed.
 typedef struct VeilocSealedBurstInfo {
   // Frames that were sealed.
@@ -335,7 +343,7 @@ enum VeilocAdvice veiloc_advice(const struct VeilocQueryInfo *query,
 // A sentence for the user, in English; null for a number that is no advice.
 const char *veiloc_advice_text(uint32_t advice);
 
-// Begins an alignment. `metres_per_unit`: of the map, usually 1.
+// Begins an alignment. `metres_per_unit`: of the map; 0 for the unit that the answers state.
 enum VeilocStatus veiloc_alignment_new(double metres_per_unit, struct VeilocAlignment **out);
 
 // Takes an answer and the pose of the camera **when it took the frame that was sealed**, not its pose now.
@@ -386,15 +394,19 @@ struct VeilocAnswerInfo veiloc_answer_info(const struct VeilocAnswer *answer);
 bool veiloc_answer_is_enough(const struct VeilocAnswer *answer,
                              double position_sd);
 
+// The answer as JSON, UTF-8 without a final zero: the document that the service gives for `accept: application/json`.
+enum VeilocStatus veiloc_answer_json(const struct VeilocAnswer *answer,
+                                     struct VeilocBytes *out);
+
 // Where the camera is in the map, with the axes of a framework in place of the map's: for apps that draw the map. For
-// content in the AR world use an alignment.
+// content in the AR world use an alignment. `metres_per_unit`: 0 for the unit that the answer states.
 enum VeilocStatus veiloc_answer_camera_in_map(const struct VeilocAnswer *answer,
                                               uint32_t pose_axes,
                                               double metres_per_unit,
                                               struct VeilocPose *out);
 
 // Radii of 68 % confidence of one answer. `camera_in_world`: the pose of the camera when it took the frame, in axes
-// whose vertical is gravity.
+// whose vertical is gravity. `metres_per_unit`: 0 for the unit that the answer states.
 enum VeilocStatus veiloc_answer_accuracy(const struct VeilocAnswer *answer,
                                          uint32_t pose_axes,
                                          const struct VeilocPose *camera_in_world,
@@ -406,6 +418,9 @@ void veiloc_answer_free(struct VeilocAnswer *answer);
 
 // Begins a burst without frames. `options`: null for the defaults.
 enum VeilocStatus veiloc_burst_new(const struct VeilocBurstOptions *options, struct VeilocBurst **out);
+
+// Takes the unit of the map from an answer, unless the options gave one. Call it with every answer.
+enum VeilocStatus veiloc_burst_learn_unit(const struct VeilocBurst *burst, const struct VeilocAnswer *answer);
 
 // Takes a frame of the camera if it is the sharpest of its part of the window so far. Offer every frame while the AR
 // framework tracks the camera.

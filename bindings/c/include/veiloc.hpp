@@ -102,6 +102,11 @@ inline Burst burst(const VeilocBurstOptions *options = nullptr) {
   return Burst(handle);
 }
 
+/// Takes the unit of the map from an answer.
+inline void learn_unit(const Burst &burst, const Answer &answer) {
+  check(veiloc_burst_learn_unit(burst.get(), answer.get()));
+}
+
 /// `camera` may be null. `timestamp`: seconds.
 inline void offer(const Burst &burst, const VeilocFrame &frame, const VeilocCamera *camera, VeilocAxes axes,
                   const VeilocPose &camera_in_world, double timestamp) {
@@ -134,7 +139,15 @@ inline Answer answer(const uint8_t *bytes, size_t length) {
   return Answer(handle);
 }
 
-inline Alignment alignment(double metres_per_unit = 1.0) {
+/// The document that the service gives for `accept: application/json`, UTF-8.
+inline Bytes json(const Answer &answer) {
+  VeilocBytes made{};
+  check(veiloc_answer_json(answer.get(), &made));
+  return taken(made);
+}
+
+/// `metres_per_unit`: 0 for the unit that the answers state.
+inline Alignment alignment(double metres_per_unit = 0.0) {
   VeilocAlignment *handle = nullptr;
   check(veiloc_alignment_new(metres_per_unit, &handle));
   return Alignment(handle);

@@ -10,7 +10,6 @@ use crate::status::{Failure, VeilocStatus, guarded};
 /// Answers of one AR session, and the transform that most of them agree on.
 pub struct VeilocAlignment {
     alignment: Alignment,
-    metres_per_unit: f64,
 }
 
 /// How far the transform is known.
@@ -40,6 +39,8 @@ pub enum VeilocUpdate {
     Doubtful = 3,
     /// It has no pose, or one with a free direction. Nothing changed.
     NoPose = 4,
+    /// It does not state the unit of the map, and `veiloc_alignment_new` got none. Nothing changed.
+    UnknownUnit = 5,
 }
 
 /// What distances between answers say, compared with the AR framework's.
@@ -71,18 +72,21 @@ pub struct VeilocAlignmentInfo {
     pub distance_ratio: f64,
 }
 
-/// Begins an alignment. `metres_per_unit`: of the map, usually 1.
+/// Begins an alignment. `metres_per_unit`: of the map; 0 for the unit that the answers state.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn veiloc_alignment_new(
     metres_per_unit: f64,
     out: *mut *mut VeilocAlignment,
 ) -> VeilocStatus {
     guarded(|| {
-        if !(metres_per_unit.is_finite() && metres_per_unit > 0.0) {
-            return Err(Failure::new(VeilocStatus::Argument, "metres_per_unit must be above 0"));
+        let mut options = AlignmentOptions::default();
+        if metres_per_unit != 0.0 {
+            if !(metres_per_unit.is_finite() && metres_per_unit > 0.0) {
+                return Err(Failure::new(VeilocStatus::Argument, "metres_per_unit must be above 0"));
+            }
+            options = options.with_metres_per_unit(metres_per_unit);
         }
-        let options = AlignmentOptions::default().with_metres_per_unit(metres_per_unit);
-        let alignment = VeilocAlignment { alignment: Alignment::new(options), metres_per_unit };
+        let alignment = VeilocAlignment { alignment: Alignment::new(options) };
         // SAFETY: the contract of the crate.
         unsafe { pointers::give_handle(out, alignment) }
     })
@@ -114,6 +118,7 @@ pub unsafe extern "C" fn veiloc_alignment_add(
             Update::DoubtfulAgrees => VeilocUpdate::DoubtfulAgrees,
             Update::Doubtful => VeilocUpdate::Doubtful,
             Update::NoPose => VeilocUpdate::NoPose,
+            Update::UnknownUnit => VeilocUpdate::UnknownUnit,
         };
         // SAFETY: as above.
         unsafe { pointers::give(out, update, "out") }
@@ -223,8 +228,7 @@ pub unsafe extern "C" fn veiloc_alignment_moved(
 pub unsafe extern "C" fn veiloc_alignment_reset(alignment: *mut VeilocAlignment) {
     // SAFETY: the contract of the crate.
     if let Some(alignment) = unsafe { pointers::optional_mutable(alignment) } {
-        let options = AlignmentOptions::default().with_metres_per_unit(alignment.metres_per_unit);
-        alignment.alignment = Alignment::new(options);
+        alignment.alignment.reset();
     }
 }
 

@@ -3,6 +3,7 @@
 use veiloc_ar::Accuracy;
 use veiloc_protocol::{Answer, DoubtKind, StopCriterion};
 
+use crate::bytes::VeilocBytes;
 use crate::pointers;
 use crate::pose::{VeilocAccuracy, VeilocPose, axes, no_pose};
 use crate::status::{Failure, VeilocStatus, guarded};
@@ -20,8 +21,13 @@ pub struct VeilocAnswerInfo {
     pub has_pose: bool,
     /// Whether there are no doubts about the pose.
     pub trusted: bool,
-    /// Standard deviation of the position in its least certain direction, map units; infinite without a pose.
+    /// Standard deviation of the position in its least certain direction, map units; infinite without a pose. Relative
+    /// to the map, not to the earth.
     pub position_sd: f64,
+    /// Metres of a unit of the map; 0 when the unit is not known.
+    pub metres_per_unit: f64,
+    /// Direction of gravity in the map, a unit vector; zeros when the map does not know it.
+    pub down: [f64; 3],
     /// Rows that agree with the pose.
     pub inliers: u32,
     /// Rows that were matched to map points.
@@ -56,8 +62,10 @@ pub unsafe extern "C" fn veiloc_answer_info(answer: *const VeilocAnswer) -> Veil
     let bit = |kind: DoubtKind| DoubtKind::ALL.iter().position(|k| *k == kind).map_or(0, |at| 1 << at);
     VeilocAnswerInfo {
         has_pose: answer.pose.is_some(),
-        trusted: answer.trusted,
-        position_sd: answer.pose.as_ref().map_or(f64::INFINITY, |pose| pose.position_sd()),
+        trusted: answer.trusted(),
+        position_sd: answer.position_sd(),
+        metres_per_unit: answer.map.metres_per_unit.unwrap_or(0.0),
+        down: answer.map.down.unwrap_or_default(),
         inliers: answer.inliers,
         matches: answer.matches,
         doubts: answer.doubts.iter().fold(0, |bits, doubt| bits | bit(doubt.kind)),
@@ -70,14 +78,26 @@ pub unsafe extern "C" fn veiloc_answer_info(answer: *const VeilocAnswer) -> Veil
 pub unsafe extern "C" fn veiloc_answer_is_enough(answer: *const VeilocAnswer, position_sd: f64) -> bool {
     let criterion = StopCriterion::accurate_to(position_sd).unwrap_or(StopCriterion::TRUSTED);
     // SAFETY: the contract of the crate.
-    unsafe { pointers::optional(answer) }.is_some_and(|VeilocAnswer { answer }| {
-        let sd = answer.pose.as_ref().map_or(f64::INFINITY, |pose| pose.position_sd());
-        criterion.is_met(answer.trusted, sd)
+    unsafe { pointers::optional(answer) }
+        .is_some_and(|VeilocAnswer { answer }| criterion.is_met(answer.trusted(), answer.position_sd()))
+}
+
+/// The answer as JSON, UTF-8 without a final zero: the document that the service gives for `accept: application/json`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn veiloc_answer_json(
+    answer: *const VeilocAnswer,
+    out: *mut VeilocBytes,
+) -> VeilocStatus {
+    guarded(|| {
+        // SAFETY: the contract of the crate.
+        let answer = &unsafe { pointers::reference(answer, "answer") }?.answer;
+        // SAFETY: as above.
+        unsafe { pointers::give(out, answer.to_json().into_bytes().into(), "out") }
     })
 }
 
 /// Where the camera is in the map, with the axes of a framework in place of the map's: for apps that draw the map. For
-/// content in the AR world use an alignment.
+/// content in the AR world use an alignment. `metres_per_unit`: 0 for the unit that the answer states.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn veiloc_answer_camera_in_map(
     answer: *const VeilocAnswer,
@@ -89,14 +109,15 @@ pub unsafe extern "C" fn veiloc_answer_camera_in_map(
         // SAFETY: the contract of the crate.
         let answer = &unsafe { pointers::reference(answer, "answer") }?.answer;
         let pose = answer.pose.as_ref().ok_or_else(without_pose)?;
-        let pose = axes(pose_axes)?.camera_in_map(pose, metres_per_unit).ok_or_else(no_pose)?;
+        let metres = unit(answer, metres_per_unit)?;
+        let pose = axes(pose_axes)?.camera_in_map(pose, metres).ok_or_else(no_pose)?;
         // SAFETY: as above.
         unsafe { pointers::give(out, pose.into(), "out") }
     })
 }
 
 /// Radii of 68 % confidence of one answer. `camera_in_world`: the pose of the camera when it took the frame, in axes
-/// whose vertical is gravity.
+/// whose vertical is gravity. `metres_per_unit`: 0 for the unit that the answer states.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn veiloc_answer_accuracy(
     answer: *const VeilocAnswer,
@@ -111,10 +132,16 @@ pub unsafe extern "C" fn veiloc_answer_accuracy(
         let pose = answer.pose.as_ref().ok_or_else(without_pose)?;
         // SAFETY: as above.
         let camera = unsafe { pointers::reference(camera_in_world, "camera_in_world") }?;
-        let accuracy = Accuracy::of_answer(pose, &camera.cam_from_ar(axes(pose_axes)?)?, metres_per_unit);
+        let metres = unit(answer, metres_per_unit)?;
+        let accuracy = Accuracy::of_answer(pose, &camera.cam_from_ar(axes(pose_axes)?)?, metres);
         // SAFETY: as above.
         unsafe { pointers::give(out, accuracy.into(), "out") }
     })
+}
+
+fn unit(answer: &Answer, given: f64) -> Result<f64, Failure> {
+    let given = (given != 0.0).then_some(given);
+    veiloc_ar::metres_per_unit(answer, given).map_err(|error| Failure::new(VeilocStatus::Argument, error))
 }
 
 fn without_pose() -> Failure {

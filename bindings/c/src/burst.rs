@@ -5,6 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use veiloc_ar::{Burst, BurstOptions, SealedBurst};
 use veiloc_obfuscation::device_rng;
 
+use crate::answer::VeilocAnswer;
 use crate::bytes::VeilocBytes;
 use crate::camera::{VeilocCamera, VeilocFrame, camera};
 use crate::pointers;
@@ -39,7 +40,8 @@ pub struct VeilocBurstOptions {
     pub rotation_sd_deg: f64,
     /// The same of the position, metres; default 0.01.
     pub translation_sd: f64,
-    /// Metres of a unit of the map; default 1. Where it is not known, use one frame.
+    /// Metres of a unit of the map, as `GET /v1/maps` and every answer state it; default not known: until
+    /// `veiloc_burst_learn_unit` learns it, one frame is sealed at a time.
     pub metres_per_unit: f64,
 }
 
@@ -74,17 +76,38 @@ pub unsafe extern "C" fn veiloc_burst_new(
         if let Some(given) = unsafe { pointers::optional(options) } {
             let or = |given: f64, own: f64| if given == 0.0 { own } else { given };
             own = own
-                .with_frames(if given.frames == 0 { own.frames } else { given.frames as usize })
+                .with_frames(if given.frames == 0 {
+                    BurstOptions::default().frames
+                } else {
+                    given.frames as usize
+                })
                 .with_window(or(given.window, own.window))
                 .with_sds(
                     or(given.rotation_sd_deg, own.rotation_sd_deg),
                     or(given.translation_sd, own.translation_sd),
-                )
-                .with_metres_per_unit(or(given.metres_per_unit, own.metres_per_unit));
+                );
+            if given.metres_per_unit != 0.0 {
+                own = own.with_metres_per_unit(given.metres_per_unit);
+            }
         }
         let burst = Mutex::new(Burst::new(own)?);
         // SAFETY: as above.
         unsafe { pointers::give_handle(out, VeilocBurst { burst }) }
+    })
+}
+
+/// Takes the unit of the map from an answer, unless the options gave one. Call it with every answer.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn veiloc_burst_learn_unit(
+    burst: *const VeilocBurst,
+    answer: *const VeilocAnswer,
+) -> VeilocStatus {
+    guarded(|| {
+        // SAFETY: the contract of the crate; the same for the other.
+        let burst = unsafe { pointers::reference(burst, "burst") }?;
+        // SAFETY: as above.
+        burst.locked().learn_unit(&unsafe { pointers::reference(answer, "answer") }?.answer);
+        Ok(())
     })
 }
 

@@ -38,6 +38,8 @@ pub enum Update {
     Doubtful,
     /// It has no pose, or one with a free direction. Nothing changed.
     NoPose,
+    /// It does not state the unit of the map, and none was given. Nothing changed.
+    UnknownUnit,
 }
 
 /// What distances between answers say, compared with the AR framework's.
@@ -83,16 +85,19 @@ impl Alignment {
 
 #[uniffi::export]
 impl Alignment {
-    /// Begins an alignment. `metres_per_unit`: of the map.
+    /// Begins an alignment. `metres_per_unit`: of the map; none for the unit that the answers state.
     ///
     /// # Errors
     /// [`VeilocException::Argument`] when it is not above 0.
-    #[uniffi::constructor(default(metres_per_unit = 1.0))]
-    pub fn new(metres_per_unit: f64) -> Result<Arc<Self>, VeilocException> {
-        if !(metres_per_unit.is_finite() && metres_per_unit > 0.0) {
-            return Err(VeilocException::argument("metres_per_unit must be above 0"));
+    #[uniffi::constructor(default(metres_per_unit = None))]
+    pub fn new(metres_per_unit: Option<f64>) -> Result<Arc<Self>, VeilocException> {
+        let mut options = AlignmentOptions::default();
+        if let Some(metres) = metres_per_unit {
+            if !(metres.is_finite() && metres > 0.0) {
+                return Err(VeilocException::argument("metres_per_unit must be above 0"));
+            }
+            options = options.with_metres_per_unit(metres);
         }
-        let options = AlignmentOptions::default().with_metres_per_unit(metres_per_unit);
         Ok(Arc::new(Self { alignment: Mutex::new(veiloc_ar::Alignment::new(options)) }))
     }
 
@@ -108,6 +113,7 @@ impl Alignment {
             veiloc_ar::Update::DoubtfulAgrees => Update::DoubtfulAgrees,
             veiloc_ar::Update::Doubtful => Update::Doubtful,
             veiloc_ar::Update::NoPose => Update::NoPose,
+            veiloc_ar::Update::UnknownUnit => Update::UnknownUnit,
         })
     }
 

@@ -6,6 +6,7 @@ use veiloc_ar::SealedCameraFrame;
 use veiloc_geometry::Stop;
 use veiloc_obfuscation::device_rng;
 
+use crate::answer::Answer;
 use crate::camera::{Camera, FrameLayout, known_camera};
 use crate::cancellation::Cancellation;
 use crate::error::VeilocException;
@@ -30,9 +31,10 @@ pub struct BurstOptions {
     /// The same of the position, metres.
     #[uniffi(default = 0.01)]
     pub translation_sd: f64,
-    /// Metres of a unit of the map. Where it is not known, use one frame.
-    #[uniffi(default = 1.0)]
-    pub metres_per_unit: f64,
+    /// Metres of a unit of the map, as `GET /v1/maps` and every answer state it. None: until `learn_unit` learns it, one
+    /// frame is sealed at a time.
+    #[uniffi(default = None)]
+    pub metres_per_unit: Option<f64>,
 }
 
 /// The sharpest frames of the last second. One thread may offer frames while another seals.
@@ -70,10 +72,17 @@ impl Burst {
             own = own
                 .with_frames(given.frames as usize)
                 .with_window(given.window)
-                .with_sds(given.rotation_sd_deg, given.translation_sd)
-                .with_metres_per_unit(given.metres_per_unit);
+                .with_sds(given.rotation_sd_deg, given.translation_sd);
+            if let Some(metres) = given.metres_per_unit {
+                own = own.with_metres_per_unit(metres);
+            }
         }
         Ok(Arc::new(Self { burst: Mutex::new(veiloc_ar::Burst::new(own)?) }))
+    }
+
+    /// Takes the unit of the map from an answer, unless the options gave one. Call it with every answer.
+    pub fn learn_unit(&self, answer: &Answer) {
+        self.locked().learn_unit(&answer.answer);
     }
 
     /// Takes a frame of the camera if it is the sharpest of its part of the window so far, and returns whether it did.

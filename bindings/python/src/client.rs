@@ -113,7 +113,7 @@ impl Client {
     ) -> Result<Answer> {
         let (query, request) = (SealedQuery::decode(query)?, request(trusted_only, near)?);
         let client = Arc::clone(&self.client);
-        Answer::of_service(&abandonable(py, move || client.localize_with(&map, &query, &request))??)
+        Ok(Answer::of_service(abandonable(py, move || client.localize_with(&map, &query, &request))??))
     }
 
     /// Localizes in steps, and stops sending rows as soon as the pose is trusted.
@@ -159,7 +159,7 @@ impl Client {
             Ok(dict)
         };
         let steps = found.steps.iter().map(step).collect::<PyResult<_>>()?;
-        Ok((Answer::of_service(&found.answer)?, steps))
+        Ok((Answer::of_service(found.answer), steps))
     }
 
     /// Localizes several images of one device together.
@@ -181,7 +181,7 @@ impl Client {
     ) -> Result<Answer> {
         let (rig, request) = (RigMessage { frames: frames_of(frames)? }, request(trusted_only, near)?);
         let client = Arc::clone(&self.client);
-        Answer::of_service(&abandonable(py, move || client.localize_rig(&map, &rig, &request))??)
+        Ok(Answer::of_service(abandonable(py, move || client.localize_rig(&map, &rig, &request))??))
     }
 
     fn __repr__(&self) -> String {

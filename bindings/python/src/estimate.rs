@@ -8,12 +8,14 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{Anchor, Intrinsics, Pencils, Pinhole, PixelLine, Point3};
+use veiloc_localization::answer_doubts;
 use veiloc_pose::{
     Correspondences, FocalPrior, Gravity, PoseEstimate, PoseOptions, PoseProblem, PositionPrior,
     estimate_pose,
 };
 use veiloc_protocol::{LayoutTurn, Scheme};
 
+use crate::answer::Doubt;
 use crate::arrays;
 use crate::blocking::interruptible_on_worker;
 use crate::camera::{camera_of, undistorted};
@@ -323,7 +325,7 @@ fn info<'py>(py: Python<'py>, found: &PoseEstimate) -> PyResult<Bound<'py, PyDic
     info.set_item("free_direction", found.free_direction.map(|d| d.to_vec().into_pyarray(py)))?;
     info.set_item("state", found.confidence.state().to_string())?;
     info.set_item("log_evidence", found.confidence.log_evidence)?;
-    let doubts: Vec<String> = found.confidence.doubts().iter().map(ToString::to_string).collect();
+    let doubts: Vec<Doubt> = answer_doubts(&found.confidence).iter().map(Doubt::of).collect();
     info.set_item("doubts", doubts)?;
     Ok(info)
 }

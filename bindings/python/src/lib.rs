@@ -39,7 +39,7 @@ mod worker_threads;
 #[pyo3::pymodule(gil_used = true)]
 mod _native {
     #[pymodule_export]
-    use crate::answer::Answer;
+    use crate::answer::{Answer, Doubt};
     #[pymodule_export]
     use crate::attacks::{attack, attack_names, audit};
     #[pymodule_export]

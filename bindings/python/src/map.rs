@@ -514,7 +514,7 @@ impl Map {
         let frames = frames_of(frames)?;
         let options = options(retrieve, use_prior, ransac_opt, bundle_opt, position)?;
         let found = interruptible(py, &options.pose.stop, || localize_rig(&frames, &self.file, &options))??;
-        Ok(Answer::of_rig(&found))
+        Ok(Answer::of_rig(&found, &self.file))
     }
 
     /// The profile of the map; a device needs it to seal queries.

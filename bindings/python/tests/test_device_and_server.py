@@ -34,6 +34,10 @@ def test_poses_equal_those_of_the_program(scene, program, tmp_path):
         assert [*answer.pose.q, *answer.pose.t] == [*pose["q"], *pose["t"]], "bit for bit"
         assert answer.position_sd == theirs["position_sd"] and answer.state == theirs["state"]
         assert (answer.covariance == np.array(theirs["covariance"])).all()
+        ours = answer.to_dict()
+        assert ours == json.loads(answer.to_json())
+        del ours["ms"], theirs["ms"], theirs["file"]
+        assert ours == theirs, "the same document, field by field"
         assert answer.pose == scene.map.localize(data).pose, "the map in memory is the one in the file"
         found_near += near(answer.pose, scene.pose(query))
     assert found_near >= len(scene.queries) - 1

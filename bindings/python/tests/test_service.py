@@ -60,7 +60,7 @@ def assert_same(answer, local):
     for remote, expected in pairs:
         np.testing.assert_allclose(remote, expected, rtol=1e-9, atol=1e-12)
     assert answer.position_sd == pytest.approx(local.position_sd, rel=1e-9)
-    counts = lambda answer: (answer.state, answer.inliers, answer.matches, answer.iterations)
+    counts = lambda answer: (answer.state, answer.inliers, answer.matches, answer.hypotheses)
     assert counts(answer) == counts(local)
 
 

@@ -75,10 +75,10 @@ export class Client {
         if (error.kind !== "not-localized") throw error;
         last = { error };
       }
-      const outcome = last.error ? "not-found" : last.answer.trusted ? "trusted" : "doubtful";
+      const outcome = last.error ? "not-found" : last.answer.state;
       steps.push({ rows, bytes: bytes.byteLength, outcome });
       const close = !options.accurateTo || (last.answer?.position_sd ?? Infinity) <= options.accurateTo;
-      if (last.answer?.trusted && close) break;
+      if (last.answer?.state === "trusted" && close) break;
     }
     if (last?.error) throw Object.assign(last.error, { steps });
     return { answer: last.answer, steps };
@@ -90,13 +90,14 @@ export class Client {
     if (near) headers["veiloc-near"] = near.join(",");
     const reply = await this.#fetch(this.#resource(map, "localize"), { method: "POST", headers, body: bytes }, signal);
     const answer = await json(reply);
-    if (typeof answer.trusted !== "boolean" || !Array.isArray(answer.doubts)) {
+    const isTrusted = answer.state === "trusted";
+    if (!(isTrusted || answer.state === "doubtful") || !Array.isArray(answer.doubts) || isTrusted !== (answer.doubts.length === 0)) {
       throw new VeilocError("bad-answer", "the answer does not come from a localization service");
     }
     for (const doubt of answer.doubts) doubt.text = printable(doubt.text);
-    if (trustedOnly && !answer.trusted) {
+    if (trustedOnly && !isTrusted) {
       // A service that ignores the header sends the doubtful pose all the same.
-      for (const field of ["cam_from_world", "center", "covariance", "center_covariance", "position_sd"]) delete answer[field];
+      for (const field of ["cam_from_world", "center", "covariance", "center_covariance", "position_sd", "rotation_sd_deg"]) delete answer[field];
     }
     return answer;
   }

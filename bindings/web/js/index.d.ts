@@ -204,6 +204,8 @@ export interface MapEntry {
   profile_id: string;
   /** Metres of a unit of the map, 1; null when the unit is not known. */
   metres_per_unit: number | null;
+  /** Direction of gravity in the map, a unit vector; null when the map does not know it. */
+  down: [number, number, number] | null;
 }
 
 export interface Step {
@@ -212,10 +214,10 @@ export interface Step {
   outcome: "trusted" | "doubtful" | "not-found";
 }
 
-/** The answer; `docs/reference/http.md` describes each field. */
+/** The answer: the document that every interface of veiloc gives; `docs/reference/http.md` describes each field. */
 export interface Answer {
   version: 1;
-  map: string;
+  /** A pose that is not trusted should not be shown to a user. */
   state: "trusted" | "doubtful";
   /** `x_camera = R x_map + t`. */
   cam_from_world?: { q: [number, number, number, number]; t: [number, number, number] };
@@ -224,11 +226,21 @@ export interface Answer {
   center_covariance?: (number | null)[][];
   /** Standard deviation of the position; `null` when it is undetermined in some direction. */
   position_sd?: number | null;
+  /** Standard deviation of the orientation, degrees; `null` as above. */
+  rotation_sd_deg?: number | null;
+  /** What these deviations include: not where the map is on earth. */
+  sd_includes: "map";
+  /** Metres of a unit of the map, 1; null when the unit is not known. */
+  metres_per_unit: number | null;
+  /** Direction of gravity in the map, a unit vector; null when the map does not know it. */
+  down: [number, number, number] | null;
+  /** Use of the query's gravity; absent when it has none. */
+  gravity?: "used" | "unused";
   noise_px?: number;
   focal_scale?: number;
   /** Estimated principal point minus that of the query, pixels; 0 when it was not estimated. */
   principal_shift_px?: [number, number];
-  trusted: boolean;
+  /** None when the pose is trusted. */
   doubts: { kind: string; text: string }[];
   confidence: { log_evidence: number | null; margin: number | null };
   inliers: number;

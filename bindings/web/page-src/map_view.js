@@ -74,7 +74,7 @@ export class MapView {
     const camera = axes(answer.cam_from_world.q);
     const weight = Math.min(this.#trail.length, 8);
     this.#down = unit(this.#down.map((x, i) => x * weight + camera[1][i]));
-    this.#trail.push({ center: answer.center, ahead: camera[2], right: camera[0], down: camera[1], sd: answer.position_sd ?? 0, trusted: answer.trusted });
+    this.#trail.push({ center: answer.center, ahead: camera[2], right: camera[0], down: camera[1], sd: answer.position_sd ?? 0, trusted: answer.state === "trusted" });
     if (this.#points.length === 0) this.#frame();
     this.#draw();
   }

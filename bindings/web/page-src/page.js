@@ -375,11 +375,13 @@ function showAnswer(answer, milliseconds) {
   const at = answer.center?.map((x) => x.toFixed(digits)).join(", ");
   const sd = answer.position_sd == null ? "unknown" : answer.position_sd.toPrecision(2);
   const detail = `${number.format(answer.inliers)} of ${number.format(answer.matches)} matches agree; the answer took ${number.format(milliseconds)} ms.`;
-  if (answer.trusted) showStatus(`You are at ${at} ± ${sd}`, "trusted", `In map units. ${detail}`);
+  const isTrusted = answer.state === "trusted";
+  const unit = answer.metres_per_unit === 1 ? "In metres" : "In map units";
+  if (isTrusted) showStatus(`You are at ${at} ± ${sd}`, "trusted", `${unit}. ${detail}`);
   else showStatus(at ? `Not sure: perhaps at ${at}` : "Not sure where this is", "doubtful", `${answer.doubts.map((doubt) => doubt.text).join("; ")}. ${detail}`);
   if (answer.center && answer.cam_from_world) {
     mapView.add(answer);
-    el("map-view").setAttribute("aria-label", `The map's points; ${answer.trusted ? "you are" : "perhaps you are"} at ${at}`);
+    el("map-view").setAttribute("aria-label", `The map's points; ${isTrusted ? "you are" : "perhaps you are"} at ${at}`);
   }
 }
 

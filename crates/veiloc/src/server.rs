@@ -6,7 +6,7 @@
 //! localization depends on no type that could hold a keypoint of a query.
 
 pub use veiloc_features::{Extractor, Extractors, Progress};
-pub use veiloc_localization::{GravityUse, Localization, LocalizeError, LocalizeOptions, localize};
+pub use veiloc_localization::{Localization, LocalizeError, LocalizeOptions, localize};
 pub use veiloc_map::colmap::{read_model, read_posed};
 pub use veiloc_map::{
     GravityDirection, GravityDirectionError, MapError, MapFile, MapModel, PosedImage, PosedImages,

@@ -62,6 +62,7 @@ final class Localizer {
         }
         misses = 0
         let answer = try Answer(bytes: body)
+        burst.learnUnit(answer: answer)
         // The answer is about the newest frame.
         _ = try alignment.add(answer: answer, cameraInWorld: sealed.cameraInWorld(axes: .openGl))
         return adviceText(advice: advice(query: sealed.newest(), answer: answer))

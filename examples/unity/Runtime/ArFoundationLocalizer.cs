@@ -60,7 +60,11 @@ namespace Veiloc
                     var (status, bytes) = await Request("localize-rig", made.Bytes());
                     if (status != 200) return;
                     // The answer is about the newest frame of the burst: the camera has moved on.
-                    using (var answer = Answer.Read(bytes)) alignment.Add(answer, made.CameraInWorld());
+                    using (var answer = Answer.Read(bytes))
+                    {
+                        burst.LearnUnit(answer);
+                        alignment.Add(answer, made.CameraInWorld());
+                    }
                 }
                 if (alignment.Info.State == AlignmentState.Searching) return;
                 var p = alignment.WorldFromAnchor(new Pose(0, 0, 0, 0, 0, 0, 1));

@@ -21,7 +21,7 @@ namespace Veiloc
 
     public enum AlignmentState { Searching, Tentative, Aligned }
 
-    public enum Update { Used, Contradicts, DoubtfulAgrees, Doubtful, NoPose }
+    public enum Update { Used, Contradicts, DoubtfulAgrees, Doubtful, NoPose, UnknownUnit }
 
     public enum Distances { Unknown, Agree, Differ }
 
@@ -101,7 +101,8 @@ namespace Veiloc
     {
         [MarshalAs(UnmanagedType.U1)] public bool HasPose;
         [MarshalAs(UnmanagedType.U1)] public bool Trusted;
-        public double PositionSd;
+        public double PositionSd, MetresPerUnit;
+        [MarshalAs(UnmanagedType.ByValArray, SizeConst = 3)] public double[] Down;
         public uint Inliers, Matches, Doubts;
     }
 
@@ -196,6 +197,7 @@ namespace Veiloc
         [DllImport(Library)] internal static extern Status veiloc_query_bytes(IntPtr query, uint rows, out Bytes bytes);
         [DllImport(Library)] internal static extern void veiloc_query_free(IntPtr query);
         [DllImport(Library)] internal static extern Status veiloc_burst_new(ref BurstOptions options, out IntPtr handle);
+        [DllImport(Library)] internal static extern Status veiloc_burst_learn_unit(IntPtr burst, IntPtr answer);
         [DllImport(Library)] internal static extern Status veiloc_burst_offer(IntPtr burst, ref Frame frame, IntPtr camera, uint axes, ref Pose pose, double timestamp);
         [DllImport(Library)] internal static extern uint veiloc_burst_frames(IntPtr burst);
         [DllImport(Library)] internal static extern void veiloc_burst_clear(IntPtr burst);
@@ -207,6 +209,7 @@ namespace Veiloc
         [DllImport(Library)] internal static extern void veiloc_sealed_burst_free(IntPtr sealedBurst);
         [DllImport(Library)] internal static extern Status veiloc_answer_new(byte[] bytes, UIntPtr length, out IntPtr handle);
         [DllImport(Library)] internal static extern AnswerInfo veiloc_answer_info(IntPtr answer);
+        [DllImport(Library)] internal static extern Status veiloc_answer_json(IntPtr answer, out Bytes bytes);
         [DllImport(Library)] internal static extern Status veiloc_answer_camera_in_map(IntPtr answer, uint axes, double metresPerUnit, out Pose pose);
         [DllImport(Library)] internal static extern Status veiloc_answer_accuracy(IntPtr answer, uint axes, ref Pose camera, double metresPerUnit, out Accuracy accuracy);
         [DllImport(Library)] internal static extern void veiloc_answer_free(IntPtr answer);
@@ -482,6 +485,15 @@ namespace Veiloc
             return new Burst(handle);
         }
 
+        /// <summary>Takes the unit of the map from an answer, unless the options gave one. Until it is known, one frame is sealed at a time.
+        /// Call it with every answer.</summary>
+        public void LearnUnit(Answer answer)
+        {
+            Native.Check(Native.veiloc_burst_learn_unit(Value, answer.Value));
+            GC.KeepAlive(this);
+            GC.KeepAlive(answer);
+        }
+
         /// <summary>Takes a frame of the camera if it is the sharpest of its part of the window so far: a copy of its gray bytes. Offer every
         /// frame while the AR framework tracks the camera.</summary>
         /// <param name="pose">The pose of the camera when it took the frame.</param>
@@ -564,15 +576,24 @@ namespace Veiloc
 
         public AnswerInfo Info { get { return Native.veiloc_answer_info(Value); } }
 
+        /// <summary>The document that the service gives for Accept: application/json.</summary>
+        public string Json()
+        {
+            Native.Bytes bytes;
+            Native.Check(Native.veiloc_answer_json(Value, out bytes));
+            return Encoding.UTF8.GetString(Native.Taken(bytes));
+        }
+
         /// <summary>Where the camera is in the map, for apps that draw the map.</summary>
-        public Pose CameraInMap(Axes axes = Axes.Unity, double metresPerUnit = 1)
+        /// <param name="metresPerUnit">0 for the unit that the answer states.</param>
+        public Pose CameraInMap(Axes axes = Axes.Unity, double metresPerUnit = 0)
         {
             Pose pose;
             Native.Check(Native.veiloc_answer_camera_in_map(Value, (uint)axes, metresPerUnit, out pose));
             return pose;
         }
 
-        public Accuracy Accuracy(Pose camera, Axes axes = Axes.Unity, double metresPerUnit = 1)
+        public Accuracy Accuracy(Pose camera, Axes axes = Axes.Unity, double metresPerUnit = 0)
         {
             Accuracy accuracy;
             Native.Check(Native.veiloc_answer_accuracy(Value, (uint)axes, ref camera, metresPerUnit, out accuracy));
@@ -587,7 +608,8 @@ namespace Veiloc
     {
         Alignment(IntPtr handle) : base(handle) { }
 
-        public static Alignment Begin(double metresPerUnit = 1)
+        /// <param name="metresPerUnit">0 for the unit that the answers state.</param>
+        public static Alignment Begin(double metresPerUnit = 0)
         {
             IntPtr handle;
             Native.Check(Native.veiloc_alignment_new(metresPerUnit, out handle));

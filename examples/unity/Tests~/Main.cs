@@ -33,6 +33,11 @@ static class Program
         using (var profile = Profile.Read(File.ReadAllBytes(arguments[0])))
         {
             Expect(profile.Id.Length == 32 && Library.Version.Length > 2, "an id and a version");
+            using (var answer = Answer.Read(File.ReadAllBytes(Path.Combine(arguments[1], "answer"))))
+            {
+                Expect(answer.Json() == File.ReadAllText(Path.Combine(arguments[1], "answer.json")), "the document of an answer");
+                Expect(answer.Info.MetresPerUnit == 1 && answer.Info.Down[1] == -1, "unit and down");
+            }
             foreach (var line in File.ReadAllLines(Path.Combine(arguments[1], "frames.txt")))
             {
                 var words = line.Split(' ');
@@ -90,7 +95,7 @@ static class Program
         var dark = new byte[layout.Width * layout.Height];
         var moved = new Pose(1.02, 2, 3, 0, 0, 0, 1);
         using (var session = Session.Begin())
-        using (var burst = Burst.Begin())
+        using (var burst = Burst.Begin(new BurstOptions { MetresPerUnit = 1 }))
         {
             Throws(Status.Argument, "a time", () => burst.Offer(pixels, layout, camera, pose, double.NaN));
             Throws(Status.Argument, "no frame", () => burst.Seal(profile, session));

@@ -177,7 +177,7 @@ static void bursts(const VeilocProfile *profile, const VeilocFrame *frame, const
   VeilocBurst *burst = NULL;
   VeilocSealedBurst *sealed = NULL;
   VeilocSession *session = NULL;
-  VeilocBurstOptions wrong = {0};
+  VeilocBurstOptions wrong = {0}, metric = {0};
   VeilocOptions options = {0};
   VeilocFrame black = *frame;
   VeilocPose pose = {{1, 2, 3}, {0, 0, 0, 1}}, newest;
@@ -189,7 +189,8 @@ static void bursts(const VeilocProfile *profile, const VeilocFrame *frame, const
   black.format = VEILOC_PIXEL_FORMAT_GRAY;
   wrong.frames = 6;
   expect(veiloc_burst_new(&wrong, &burst) == VEILOC_STATUS_ARGUMENT && !burst, "six frames");
-  expect(veiloc_burst_new(NULL, &burst) == VEILOC_STATUS_OK && veiloc_session_new(NULL, &session) == VEILOC_STATUS_OK, "begins");
+  metric.metres_per_unit = 1;
+  expect(veiloc_burst_new(&metric, &burst) == VEILOC_STATUS_OK && veiloc_session_new(NULL, &session) == VEILOC_STATUS_OK, "begins");
   expect(veiloc_burst_seal(burst, profile, session, NULL, &sealed) == VEILOC_STATUS_ARGUMENT, "no frame");
   expect(veiloc_burst_offer(burst, frame, camera, VEILOC_AXES_UNITY, &pose, 0.0 / 0.0) == VEILOC_STATUS_ARGUMENT, "no time");
   expect(veiloc_burst_offer(burst, frame, camera, VEILOC_AXES_UNITY, NULL, 1.0) == VEILOC_STATUS_ARGUMENT, "no pose");
@@ -216,6 +217,17 @@ static void bursts(const VeilocProfile *profile, const VeilocFrame *frame, const
   expect(veiloc_sealed_burst_bytes(sealed, &bytes) == VEILOC_STATUS_OK, "gives bytes");
   expect(bytes.length > 8 && memcmp(bytes.data, "vqrig1\n\2", 8) == 0, "a rig of two frames");
   veiloc_bytes_free(bytes);
+  veiloc_sealed_burst_free(sealed);
+  veiloc_burst_free(burst);
+  /* In an unknown unit the distance between frames has no meaning. */
+  expect(veiloc_burst_new(NULL, &burst) == VEILOC_STATUS_OK, "without a unit");
+  for (int i = 0; i < 2; i++) {
+    expect(veiloc_burst_offer(burst, frame, camera, VEILOC_AXES_UNITY, &pose, 4 + 0.8 * i) == VEILOC_STATUS_OK, "two frames");
+  }
+  expect(veiloc_burst_learn_unit(burst, NULL) == VEILOC_STATUS_ARGUMENT, "no answer");
+  expect(veiloc_burst_seal(burst, profile, session, &options, &sealed) == VEILOC_STATUS_OK, "seals one frame");
+  info = veiloc_sealed_burst_info(sealed);
+  expect(info.frames == 1 && info.left_out == 0, "one frame");
   veiloc_burst_clear(burst);
   veiloc_burst_clear(NULL);
   veiloc_burst_free(burst);
@@ -272,6 +284,24 @@ static void repeatedly(const VeilocProfile *profile, const VeilocFrame *frame, c
   }
 }
 
+/* The document of an answer is the one that the service gives. */
+static void same_document(const char *folder) {
+  size_t length, expected_length;
+  uint8_t *bytes = read_file(folder, "answer", &length), *expected = read_file(folder, "answer.json", &expected_length);
+  VeilocAnswer *answer = NULL;
+  VeilocAnswerInfo info;
+  VeilocBytes json;
+  expect(veiloc_answer_new(bytes, length, &answer) == VEILOC_STATUS_OK, "an answer");
+  expect(veiloc_answer_json(answer, &json) == VEILOC_STATUS_OK, "its document");
+  expect(json.length == expected_length && memcmp(json.data, expected, expected_length) == 0, "the same document");
+  info = veiloc_answer_info(answer);
+  expect(info.metres_per_unit == 1 && info.down[1] == -1, "unit and down");
+  veiloc_bytes_free(json);
+  veiloc_answer_free(answer);
+  free(bytes);
+  free(expected);
+}
+
 int main(int argc, char **argv) {
   size_t length;
   uint8_t *bytes, *list;
@@ -283,6 +313,7 @@ int main(int argc, char **argv) {
   expect(veiloc_profile_new(bytes, length, &profile) == VEILOC_STATUS_OK, "a profile");
   expect(strlen(veiloc_profile_id(profile)) == 32, "an id");
   free(bytes);
+  same_document(argv[2]);
   list = read_file(argv[2], "frames.txt", &length);
   for (char *line = strtok((char *)list, "\n"); line; line = strtok(NULL, "\n")) {
     VeilocFrame frame = {0};

@@ -19,6 +19,9 @@ static veiloc::Bytes read(const std::string &path) {
 
 static int run(const std::string &profile_path, const std::string &folder, int repeat) {
   const auto profile = veiloc::profile(read(profile_path));
+  const auto known = read(folder + "/answer");
+  if (veiloc::json(veiloc::answer(known.data(), known.size())) != read(folder + "/answer.json"))
+    throw std::runtime_error("the document of an answer differs");
   std::ifstream list(folder + "/frames.txt");
   int count = 0;
   for (std::string line; std::getline(list, line); count++) {

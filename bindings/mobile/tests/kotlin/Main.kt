@@ -45,6 +45,10 @@ fun seals(arguments: List<String>) {
     val profile = Profile(File(arguments[0]).readBytes())
     check(profile.id().length == 32)
     val folder = File(arguments[1])
+    Answer(folder.resolve("answer").readBytes()).use { answer ->
+        check(answer.toJson() == folder.resolve("answer.json").readText()) { "the document of an answer" }
+        check(answer.metresPerUnit() == 1.0 && answer.down() == listOf(0.0, -1.0, 0.0))
+    }
     val repeat = arguments[2].toInt()
     var count = 0
     for (line in folder.resolve("frames.txt").readLines()) {
@@ -110,7 +114,7 @@ fun border(profile: Profile, pixels: ByteBuffer, layout: FrameLayout, camera: Ca
 /** The newest frame is the rig, a black one is left out, and a burst without texture leaves the session. */
 fun bursts(profile: Profile, pixels: ByteBuffer, layout: FrameLayout, camera: Camera, upright: CameraPose) {
     expect<VeilocException.Argument>("six frames") { Burst(BurstOptions(frames = 6u)) }
-    val burst = Burst(BurstOptions())
+    val burst = Burst(BurstOptions(metresPerUnit = 1.0))
     val session = Session()
     val dark = direct(ByteArray((layout.width * layout.height).toInt()))
     val gray = layout.copy(format = FrameFormat.GRAY)
@@ -128,6 +132,12 @@ fun bursts(profile: Profile, pixels: ByteBuffer, layout: FrameLayout, camera: Ca
         check(sealed.frames() == 2u && sealed.leftOut() == 1u && session.frames() == 2u)
         check(Math.abs(sealed.cameraInWorld(Axes.OPEN_GL).pose.x - 1.02) < 1e-9)
         check(String(sealed.bytes(), 0, 6) == "vqrig1" && sealed.bytes()[7].toInt() == 2)
+    }
+    // In an unknown unit the distance between frames has no meaning.
+    Burst().use { unknown ->
+        unknown.offer(pixels, layout, camera, upright, 2.0)
+        unknown.offer(pixels, layout, camera, moved, 2.8)
+        unknown.seal(profile, session, SealOptions(maxKeypoints = 512u)).use { check(it.frames() == 1u && it.leftOut() == 0u) }
         check(adviceText(advice(sealed.newest(), null)).length > 5)
     }
     burst.offer(pixels, layout, camera, moved, 3.2)

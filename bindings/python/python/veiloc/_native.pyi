@@ -106,6 +106,18 @@ class CameraPose:
         """Errors against another pose: rotation in degrees, and distance of the centres in map units."""
     def __eq__(self, other: object) -> bool: ...
 
+class Doubt:
+    """A reason not to trust a pose."""
+
+    @property
+    def kind(self) -> str:
+        """`"weak-evidence"`, `"ambiguous"`, `"imprecise"`, `"one-sided"` or `"other"`."""
+    @property
+    def text(self) -> str:
+        """The reason, for people."""
+    def __eq__(self, other: object) -> bool: ...
+    def __hash__(self) -> int: ...
+
 class Answer:
     """The pose of a sealed query, and how far it can be trusted."""
 
@@ -116,26 +128,33 @@ class Answer:
     def center(self) -> Floats | None:
         """Camera centre in the map, `[3]`, map units; None without a pose."""
     @property
-    def covariance(self) -> Floats:
-        """Covariance, `[6, 6]`: rotation vector in the camera frame (radians), then translation in it (map units)."""
+    def covariance(self) -> Floats | None:
+        """Covariance, `[6, 6]`: rotation vector in the camera frame (radians), then translation in it (map units); None
+        without a pose. Relative to the map: how well the map is placed on earth is not part of it."""
     @property
     def center_covariance(self) -> Floats | None:
         """Covariance of the centre in the map's axes, `[3, 3]`, map units squared; None without a pose."""
     @property
-    def trusted(self) -> bool:
-        """Whether `state` is `"trusted"`."""
-    @property
     def position_sd(self) -> float:
-        """Standard deviation of the position, map units."""
+        """Standard deviation of the position in its least certain direction, map units; infinite without a pose."""
+    @property
+    def rotation_sd_deg(self) -> float:
+        """Standard deviation of the orientation about its least certain axis, degrees; infinite without a pose."""
     @property
     def state(self) -> str:
         """`"trusted"` or `"doubtful"`."""
     @property
-    def doubts(self) -> list[str]:
-        """The reasons to doubt the pose, as text."""
+    def trusted(self) -> bool:
+        """Whether `state` is `"trusted"`."""
+    @property
+    def doubts(self) -> list[Doubt]:
+        """The reasons to doubt the pose; none for a trusted one."""
     @property
     def log_evidence(self) -> float:
         """Natural logarithm of the evidence for this pose over a chance agreement."""
+    @property
+    def margin(self) -> float:
+        """Log likelihood by which the pose beats the best other one; infinite when no other was found."""
     @property
     def inliers(self) -> int:
         """Rows of the query that agree with the pose."""
@@ -143,7 +162,7 @@ class Answer:
     def matches(self) -> int:
         """Rows of the query that were matched."""
     @property
-    def iterations(self) -> int:
+    def hypotheses(self) -> int:
         """RANSAC hypotheses that were scored."""
     @property
     def noise_px(self) -> float | None:
@@ -159,14 +178,24 @@ class Answer:
     def gravity(self) -> str | None:
         """Use of gravity: `"used"`; `"unused"` when the map has no down direction; None when the query has no gravity."""
     @property
+    def metres_per_unit(self) -> float | None:
+        """Metres of a unit of the map, 1; None when the unit is not known."""
+    @property
+    def down(self) -> Floats | None:
+        """Direction of gravity in the map, `[3]`, a unit vector; None when the map does not know it."""
+    @property
     def retrieved(self) -> list[str]:
         """Names of the map images that were matched, best first; empty in answers of a service."""
     @property
     def ms(self) -> dict[str, float]:
-        """Milliseconds spent in `retrieve`, `match` and `pose`."""
+        """Milliseconds spent in `queue`, `retrieve`, `match` and `pose`."""
     @property
     def frames(self) -> list[CameraPose]:
-        """The pose of each camera of a rig; empty for a single query."""
+        """The pose of each camera of a rig; empty for a single query, and in answers of a service."""
+    def to_json(self) -> str:
+        """The answer as JSON: the document that the service gives, and `veiloc localize --json` for each query."""
+    def to_dict(self) -> dict[str, Any]:
+        """The document of `to_json` as a dictionary."""
     def __bool__(self) -> bool: ...
 
 class Profile:

@@ -19,6 +19,9 @@ fn main() -> std::io::Result<()> {
     }
     for (file, answer) in common::known_replies() {
         fs::write(folder.join(format!("{file}.answer")), answer.encode())?;
+        if file == "doubtful" {
+            fs::write(folder.join("doubtful.json"), answer.to_json())?;
+        }
     }
     Ok(())
 }

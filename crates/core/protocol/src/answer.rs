@@ -4,7 +4,9 @@
 
 use std::fmt;
 
-use veiloc_geometry::deviations::position_sd;
+use serde::{Deserialize, Serialize};
+use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
 
 /// State of an answer. A query without a pose gets an error response instead of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -36,9 +38,7 @@ impl fmt::Display for AnswerState {
 pub struct Answer {
     /// The pose; `None` when it is doubtful and the request excluded doubtful poses.
     pub pose: Option<AnswerPose>,
-    /// Whether there are no doubts about the pose.
-    pub trusted: bool,
-    /// Reasons not to trust the pose.
+    /// Reasons not to trust the pose; none for a trusted one.
     pub doubts: Vec<AnswerDoubt>,
     /// Natural logarithm of the evidence against chance.
     pub log_evidence: f64,
@@ -46,6 +46,10 @@ pub struct Answer {
     pub margin: f64,
     /// How well the query fits the pose; `None` when the service does not report it.
     pub fit: Option<AnswerFit>,
+    /// Whether the gravity direction of the query was used.
+    pub gravity: GravityUse,
+    /// What the coordinates of the map mean.
+    pub map: MapCoordinates,
     /// Rows of the query that agree with the pose.
     pub inliers: u32,
     /// Rows of the query that were matched to map points, to one or several.
@@ -56,28 +60,88 @@ pub struct Answer {
     pub times: AnswerTimes,
 }
 
-/// A camera's pose in the map, and its uncertainty.
+/// A camera's pose in the map, and its uncertainty; of a rig, the rig's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AnswerPose {
     /// Hamilton unit quaternion `w x y z`: map coordinates to camera coordinates.
     pub rotation: [f64; 4],
     /// `t` of `x_camera = R x_map + t`, map units.
     pub translation: [f64; 3],
-    /// Where the camera is in the map, map units: `−Rᵀ t`.
-    pub center: [f64; 3],
     /// Covariance, rows and columns, of a rotation vector `w` about the camera's axes (radians), then a vector `v`
     /// along them (map units): the pose is `R' = exp(w) R`, `t' = exp(w) t + v` (the left tangent). Infinite on the
-    /// diagonal where the matches leave a direction free.
+    /// diagonal where the matches leave a direction free. Relative to the map: how well the map is placed on earth is
+    /// not part of it.
     pub covariance: [[f64; 6]; 6],
-    /// Covariance of `center` in the map's axes, map units squared.
-    pub center_covariance: [[f64; 3]; 3],
 }
 
 impl AnswerPose {
-    /// The ± of the position: standard deviation of `center` in its least certain direction, map units; infinite where
-    /// the matches leave a direction free.
+    /// The rigid transform; `None` when the quaternion is zero or a number is not finite, as in no decoded answer.
+    pub fn cam_from_world(&self) -> Option<CameraFromWorld> {
+        CameraFromWorld::from_quaternion(self.rotation, self.translation)
+    }
+
+    /// Where the camera is in the map, map units: `−Rᵀ t`. NaN where [`Self::cam_from_world`] is `None`.
+    pub fn center(&self) -> [f64; 3] {
+        self.cam_from_world().map_or([f64::NAN; 3], |pose| pose.center().coords.into())
+    }
+
+    /// Covariance of [`Self::center`] in the map's axes, map units squared. NaN as there.
+    pub fn center_covariance(&self) -> [[f64; 3]; 3] {
+        self.cam_from_world().map_or([[f64::NAN; 3]; 3], |pose| pose.center_covariance(&self.covariance))
+    }
+
+    /// The ± of the position: standard deviation of the centre in its least certain direction, map units; infinite
+    /// where the matches leave a direction free.
     pub fn position_sd(&self) -> f64 {
         position_sd(&self.covariance)
+    }
+
+    /// The ± of the orientation about its least certain axis, degrees; infinite as above.
+    pub fn rotation_sd_deg(&self) -> f64 {
+        rotation_sd_degrees(&self.covariance)
+    }
+}
+
+/// What the coordinates of a map mean.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct MapCoordinates {
+    /// Metres of a unit of the map; `None` when the unit is not known.
+    pub metres_per_unit: Option<f64>,
+    /// Unit vector along gravity; `None` when the map does not know it.
+    pub down: Option<[f64; 3]>,
+}
+
+/// Use of the gravity direction of a query.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum GravityUse {
+    /// The query has no gravity direction.
+    #[default]
+    NotProvided,
+    /// It was used.
+    Used,
+    /// The query has one, but the map has none: it was not used.
+    UnknownInMap,
+}
+
+impl GravityUse {
+    /// All of them; the index of each is its code.
+    pub const ALL: [Self; 3] = [Self::NotProvided, Self::Used, Self::UnknownInMap];
+
+    /// The name in JSON; `None` when the query has no gravity direction.
+    pub const fn name(self) -> Option<&'static str> {
+        match self {
+            Self::NotProvided => None,
+            Self::Used => Some("used"),
+            Self::UnknownInMap => Some("unused"),
+        }
+    }
+
+    pub(crate) const fn code(self) -> u32 {
+        match self {
+            Self::NotProvided => 0,
+            Self::Used => 1,
+            Self::UnknownInMap => 2,
+        }
     }
 }
 
@@ -99,41 +163,68 @@ impl Answer {
 
     /// Trusted or doubtful.
     pub const fn state(&self) -> AnswerState {
-        if self.trusted { AnswerState::Trusted } else { AnswerState::Doubtful }
+        if self.trusted() { AnswerState::Trusted } else { AnswerState::Doubtful }
+    }
+
+    /// Whether there are no doubts about the pose. A pose that is not trusted should not be shown to a user.
+    pub const fn trusted(&self) -> bool {
+        self.doubts.is_empty()
+    }
+
+    /// [`AnswerPose::position_sd`]; infinite without a pose.
+    pub fn position_sd(&self) -> f64 {
+        self.pose.as_ref().map_or(f64::INFINITY, AnswerPose::position_sd)
+    }
+
+    /// As JSON: [`AnswerDocument`](crate::AnswerDocument).
+    pub fn to_json(&self) -> String {
+        // Only a map with keys that are no text, or a failing writer, cannot be written.
+        serde_json::to_string(&crate::AnswerDocument::new(self)).unwrap_or_default()
     }
 
     /// The answer without its pose when that is doubtful, for clients that request trusted poses only.
     #[must_use]
     pub fn trusted_only(mut self) -> Self {
-        self.pose = self.pose.filter(|_| self.trusted);
+        self.pose = self.pose.filter(|_| self.doubts.is_empty());
         self
     }
 }
 
 /// Milliseconds the server spent.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AnswerTimes {
     /// Waiting for a worker.
+    #[serde(rename = "queue")]
     pub queue_ms: f64,
     /// Finding similar map images.
+    #[serde(rename = "retrieve")]
     pub retrieve_ms: f64,
     /// Matching descriptors.
+    #[serde(rename = "match")]
     pub match_ms: f64,
     /// Estimating the pose.
+    #[serde(rename = "pose")]
     pub pose_ms: f64,
 }
 
 /// One reason not to trust a pose.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AnswerDoubt {
-    /// Machine-readable.
+    /// For programs.
     pub kind: DoubtKind,
-    /// Human-readable.
+    /// For people.
     pub text: String,
 }
 
 /// What a doubt is about.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
 pub enum DoubtKind {
     /// None of the other kinds.
     Other,

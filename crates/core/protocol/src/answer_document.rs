@@ -1,20 +1,22 @@
-//! An answer as JSON, the form for people and other programs, with the fields that `docs/reference/http.md` lists.
+//! An answer as JSON, the form for people and other programs: of the service, of the program and of every binding.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use veiloc_geometry::CameraFromWorld;
 
 use crate::{Answer, AnswerDoubt, AnswerPose, AnswerTimes};
 
 /// Where an image was taken.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AnswerDocument {
     /// Version of the document, 1.
     pub version: u32,
-    /// The map that answered.
-    pub map: String,
-    /// `trusted` or `doubtful`. A query without a pose gets an error response instead of this document.
+    /// `trusted`, without doubts, or `doubtful`: such a pose should not be shown to a user. A query without a pose gets an
+    /// error in place of the other fields, with the state `not-found`, or `failed` when it cannot be used.
     pub state: &'static str,
-    /// Map to camera. This and the fields up to `position_sd` are absent when a doubtful pose was withheld on request.
+    /// Map to camera; of a session, map to rig. This and the fields up to `rotation_sd_deg` are absent when a doubtful
+    /// pose was withheld on request.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cam_from_world: Option<PoseDocument>,
     /// The camera centre in the map, map units.
@@ -30,9 +32,23 @@ pub struct AnswerDocument {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<Vec<Option<f64>>>>))]
     pub center_covariance: Option<[[f64; 3]; 3]>,
-    /// Standard deviation of `center` in its least certain direction, map units; `null` when a direction is free.
+    /// The ±: standard deviation of `center` in its least certain direction, map units; `null` when a direction is free.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position_sd: Option<f64>,
+    /// Standard deviation of the orientation about its least certain axis, degrees; `null` as above.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rotation_sd_deg: Option<f64>,
+    /// What these deviations include. `map`: errors of the query, its matches and the map; not where the map is on
+    /// earth.
+    pub sd_includes: &'static str,
+    /// Metres of a unit of the map, 1; `null` when the unit is not known.
+    pub metres_per_unit: Option<f64>,
+    /// Direction of gravity in the map, a unit vector; `null` when the map does not know it.
+    pub down: Option<[f64; 3]>,
+    /// Use of the query's gravity: `used`, or `unused` when the map does not know the direction; absent when the query
+    /// has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gravity: Option<&'static str>,
     /// Standard deviation of the residuals of the agreeing rows, pixels of the query's camera; absent when the service
     /// does not report it.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -43,10 +59,8 @@ pub struct AnswerDocument {
     /// Estimated principal point minus that of the query, pixels, 0 when it was not estimated; absent as above.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub principal_shift_px: Option<[f64; 2]>,
-    /// Whether there are no doubts about the pose. A pose that is not trusted should not be shown to a user.
-    pub trusted: bool,
-    /// Reasons not to trust the pose; may be empty.
-    pub doubts: Vec<DoubtDocument>,
+    /// Reasons not to trust the pose; none for a trusted one.
+    pub doubts: Vec<AnswerDoubt>,
     /// How strong the evidence is.
     pub confidence: ConfidenceDocument,
     /// Rows of the query that agree with the pose.
@@ -56,12 +70,13 @@ pub struct AnswerDocument {
     /// Minimal samples drawn.
     pub hypotheses: u32,
     /// Milliseconds of each stage.
-    pub ms: StageDocument,
+    pub ms: AnswerTimes,
 }
 
 /// A rigid transform from map coordinates to camera coordinates: `x_camera = R x_map + t`.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PoseDocument {
     /// Hamilton unit quaternion `w x y z`.
     pub q: [f64; 4],
@@ -69,19 +84,22 @@ pub struct PoseDocument {
     pub t: [f64; 3],
 }
 
-/// A reason not to trust a pose.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct DoubtDocument {
-    /// `weak-evidence`, `ambiguous`, `imprecise`, `one-sided` or `other`.
-    pub kind: &'static str,
-    /// Human-readable.
-    pub text: String,
+impl PoseDocument {
+    /// The document of a pose.
+    pub fn of(pose: &CameraFromWorld) -> Self {
+        Self { q: pose.quaternion(), t: (*pose.translation()).into() }
+    }
+
+    /// The pose; `None` when the values are invalid.
+    pub fn pose(&self) -> Option<CameraFromWorld> {
+        CameraFromWorld::from_quaternion(self.q, self.t)
+    }
 }
 
 /// Evidence for a pose.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ConfidenceDocument {
     /// Natural logarithm of the evidence against chance.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<f64>))]
@@ -91,46 +109,32 @@ pub struct ConfidenceDocument {
     pub margin: f64,
 }
 
-/// Milliseconds of each stage.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct StageDocument {
-    /// Waiting for a worker.
-    pub queue: f64,
-    /// Finding similar map images.
-    pub retrieve: f64,
-    /// Matching descriptors.
-    #[serde(rename = "match")]
-    pub matching: f64,
-    /// Estimating the pose.
-    pub pose: f64,
-}
-
 impl AnswerDocument {
-    /// The answer of the map with this name. JSON has no infinity; it becomes `null`.
-    pub fn new(map: &str, answer: &Answer) -> Self {
-        let AnswerTimes { queue_ms, retrieve_ms, match_ms, pose_ms } = answer.times;
-        let doubt = |d: &AnswerDoubt| DoubtDocument { kind: d.kind.name(), text: d.text.clone() };
+    /// The document of an answer. JSON has no infinity; it becomes `null`.
+    pub fn new(answer: &Answer) -> Self {
         let pose = answer.pose.as_ref();
         Self {
             version: 1,
-            map: map.to_owned(),
             state: answer.state().name(),
             cam_from_world: pose.map(|pose| PoseDocument { q: pose.rotation, t: pose.translation }),
-            center: pose.map(|pose| pose.center),
+            center: pose.map(AnswerPose::center),
             covariance: pose.map(|pose| pose.covariance),
-            center_covariance: pose.map(|pose| pose.center_covariance),
+            center_covariance: pose.map(AnswerPose::center_covariance),
             position_sd: pose.map(AnswerPose::position_sd),
+            rotation_sd_deg: pose.map(AnswerPose::rotation_sd_deg),
+            sd_includes: "map",
+            metres_per_unit: answer.map.metres_per_unit,
+            down: answer.map.down,
+            gravity: answer.gravity.name(),
             noise_px: answer.fit.map(|fit| fit.noise_px),
             focal_scale: answer.fit.map(|fit| fit.focal_scale),
             principal_shift_px: answer.fit.map(|fit| fit.principal_shift_px),
-            trusted: answer.trusted,
-            doubts: answer.doubts.iter().map(doubt).collect(),
+            doubts: answer.doubts.clone(),
             confidence: ConfidenceDocument { log_evidence: answer.log_evidence, margin: answer.margin },
             inliers: answer.inliers,
             matches: answer.matches,
             hypotheses: answer.hypotheses,
-            ms: StageDocument { queue: queue_ms, retrieve: retrieve_ms, matching: match_ms, pose: pose_ms },
+            ms: answer.times,
         }
     }
 }

@@ -7,11 +7,11 @@ use prost::Message;
 
 use crate::answer::{AnswerFit, AnswerPose};
 use crate::wire::{Format, present};
-use crate::{Answer, AnswerDoubt, AnswerTimes, DoubtKind, QueryError};
+use crate::{Answer, AnswerDoubt, AnswerTimes, DoubtKind, GravityUse, MapCoordinates, QueryError};
 
 const FORMAT: Format = Format {
     what: "answer",
-    // 59 numbers, some counts, space for a few doubt texts, and padding.
+    // 53 numbers, some counts, space for a few doubt texts, and padding.
     limit: 16 * 1024,
     version: Answer::VERSION,
     remedy: "update the app or the service, whichever is older",
@@ -22,7 +22,7 @@ const PADDING_HEAD: usize = 3;
 /// Minimum number of padding bytes, so that its length always takes two bytes.
 const MIN_PADDING: usize = 128;
 
-/// How far from 1 the length of a quaternion may be.
+/// How far from 1 the length of a quaternion or of `down` may be.
 const UNIT_TOLERANCE: f64 = 1e-6;
 
 #[derive(Clone, PartialEq, Message)]
@@ -34,27 +34,27 @@ struct AnswerMessage {
     #[prost(double, repeated, tag = "3")]
     translation: Vec<f64>,
     #[prost(double, repeated, tag = "4")]
-    center: Vec<f64>,
-    #[prost(double, repeated, tag = "5")]
     covariance: Vec<f64>,
-    #[prost(double, repeated, tag = "6")]
-    center_covariance: Vec<f64>,
-    #[prost(fixed32, optional, tag = "7")]
-    trusted: Option<u32>,
-    #[prost(message, repeated, tag = "8")]
+    #[prost(message, repeated, tag = "5")]
     doubts: Vec<DoubtMessage>,
-    #[prost(double, optional, tag = "9")]
+    #[prost(double, optional, tag = "6")]
     log_evidence: Option<f64>,
-    #[prost(double, optional, tag = "10")]
+    #[prost(double, optional, tag = "7")]
     margin: Option<f64>,
-    #[prost(fixed32, optional, tag = "11")]
+    #[prost(fixed32, optional, tag = "8")]
     inliers: Option<u32>,
-    #[prost(fixed32, optional, tag = "12")]
+    #[prost(fixed32, optional, tag = "9")]
     matches: Option<u32>,
-    #[prost(fixed32, optional, tag = "13")]
+    #[prost(fixed32, optional, tag = "10")]
     hypotheses: Option<u32>,
-    #[prost(double, repeated, tag = "14")]
+    #[prost(double, repeated, tag = "11")]
     milliseconds: Vec<f64>,
+    #[prost(fixed32, optional, tag = "12")]
+    gravity: Option<u32>,
+    #[prost(double, optional, tag = "13")]
+    metres_per_unit: Option<f64>,
+    #[prost(double, repeated, tag = "14")]
+    down: Vec<f64>,
     #[prost(bytes = "vec", optional, tag = "15")]
     padding: Option<Vec<u8>>,
     #[prost(double, optional, tag = "16")]
@@ -96,10 +96,7 @@ impl Answer {
             version: Some(Self::VERSION),
             rotation: of_pose(|pose| pose.rotation.to_vec()),
             translation: of_pose(|pose| pose.translation.to_vec()),
-            center: of_pose(|pose| pose.center.to_vec()),
             covariance: of_pose(|pose| pose.covariance.concat()),
-            center_covariance: of_pose(|pose| pose.center_covariance.concat()),
-            trusted: Some(self.trusted.into()),
             doubts: self.doubts.iter().map(doubt).collect(),
             log_evidence: Some(self.log_evidence),
             margin: Some(self.margin),
@@ -107,6 +104,9 @@ impl Answer {
             matches: Some(self.matches),
             hypotheses: Some(self.hypotheses),
             milliseconds: vec![queue_ms, retrieve_ms, match_ms, pose_ms],
+            gravity: Some(self.gravity.code()),
+            metres_per_unit: self.map.metres_per_unit,
+            down: self.map.down.map_or_else(Vec::new, |down| down.to_vec()),
             padding: None,
             noise_px: self.fit.map(|fit| fit.noise_px),
             focal_scale: self.fit.map(|fit| fit.focal_scale),
@@ -120,13 +120,8 @@ impl Answer {
     /// [`QueryError`] naming the wrong field.
     pub fn decode(bytes: &[u8]) -> Result<Self, QueryError> {
         let message: AnswerMessage = FORMAT.message(bytes)?;
-        let trusted = match present("trusted", message.trusted)? {
-            0 => false,
-            1 => true,
-            value => return Err(QueryError::Field { field: "trusted", value, allowed: "0 or 1" }),
-        };
         // Only doubtful poses are withheld.
-        let withheld = !trusted && message.rotation.is_empty();
+        let withheld = !message.doubts.is_empty() && message.rotation.is_empty();
         let pose = if withheld { None } else { Some(pose(&message)?) };
         let [queue_ms, retrieve_ms, match_ms, pose_ms] =
             numbers("milliseconds", &message.milliseconds, |c| c.is_finite() && c >= 0.0)?;
@@ -139,23 +134,26 @@ impl Answer {
                 if value.is_nan() { Err(invalid(field, "a number", "NaN")) } else { Ok(value) }
             },
         );
-        let fit = fit(&message)?;
+        let (fit, map) = (fit(&message)?, map(&message)?);
+        let code = present("gravity", message.gravity)?;
+        let gravity = GravityUse::ALL.get(code as usize).copied().ok_or(QueryError::Field {
+            field: "gravity",
+            value: code,
+            allowed: "a number from 0 to 2",
+        })?;
         let answer = Self {
             pose,
-            trusted,
             doubts: message.doubts.into_iter().map(doubt).collect::<Result<_, _>>()?,
             log_evidence: log_evidence?,
             margin: margin?,
             fit,
+            gravity,
+            map,
             inliers: present("inliers", message.inliers)?,
             matches: present("matches", message.matches)?,
             hypotheses: present("hypotheses", message.hypotheses)?,
             times: AnswerTimes { queue_ms, retrieve_ms, match_ms, pose_ms },
         };
-        if answer.trusted != answer.doubts.is_empty() {
-            let actual = format!("{} with {} doubts", answer.state(), answer.doubts.len());
-            return Err(invalid("trusted", "1 without doubts, and 0 with some", &actual));
-        }
         if answer.encode() != bytes {
             return Err(QueryError::NotCanonical { what: FORMAT.what });
         }
@@ -164,22 +162,36 @@ impl Answer {
 }
 
 fn pose(message: &AnswerMessage) -> Result<AnswerPose, QueryError> {
-    let rotation: [f64; 4] = numbers("rotation", &message.rotation, f64::is_finite)?;
-    let length = rotation.iter().map(|c| c * c).sum::<f64>().sqrt();
-    let is_unit = (length - 1.0).abs() <= UNIT_TOLERANCE;
-    if !is_unit {
-        return Err(invalid("rotation", "a quaternion of length 1", &format!("length {length}")));
-    }
+    let rotation = unit_vector::<4>("rotation", &message.rotation)?;
     let covariance: [f64; 36] = numbers("covariance", &message.covariance, |c| !c.is_nan())?;
-    let center_covariance: [f64; 9] =
-        numbers("center_covariance", &message.center_covariance, |c| !c.is_nan())?;
     Ok(AnswerPose {
         rotation,
         translation: numbers("translation", &message.translation, f64::is_finite)?,
-        center: numbers("center", &message.center, f64::is_finite)?,
         covariance: std::array::from_fn(|i| std::array::from_fn(|j| covariance[6 * i + j])),
-        center_covariance: std::array::from_fn(|i| std::array::from_fn(|j| center_covariance[3 * i + j])),
     })
+}
+
+fn map(message: &AnswerMessage) -> Result<MapCoordinates, QueryError> {
+    let metres_per_unit = message.metres_per_unit.map(|metres| above_zero("metres_per_unit", Some(metres)));
+    let is_known = !message.down.is_empty();
+    Ok(MapCoordinates {
+        metres_per_unit: metres_per_unit.transpose()?,
+        down: is_known.then(|| unit_vector("down", &message.down)).transpose()?,
+    })
+}
+
+/// A vector or a quaternion of length 1.
+fn unit_vector<const N: usize>(field: &'static str, values: &[f64]) -> Result<[f64; N], QueryError> {
+    let vector = numbers(field, values, f64::is_finite)?;
+    let length = vector.iter().map(|c| c * c).sum::<f64>().sqrt();
+    let is_unit = (length - 1.0).abs() <= UNIT_TOLERANCE;
+    is_unit.then_some(vector).ok_or_else(|| invalid(field, "a length of 1", &format!("length {length}")))
+}
+
+fn above_zero(field: &'static str, value: Option<f64>) -> Result<f64, QueryError> {
+    let value = present(field, value)?;
+    let is_valid = value.is_finite() && value > 0.0;
+    is_valid.then_some(value).ok_or_else(|| invalid(field, "a number above 0", &value.to_string()))
 }
 
 /// All three fields or none.
@@ -188,14 +200,6 @@ fn fit(message: &AnswerMessage) -> Result<Option<AnswerFit>, QueryError> {
     if noise_px.is_none() && focal_scale.is_none() && principal_shift_px.is_empty() {
         return Ok(None);
     }
-    let above_zero = |field: &'static str, value: Option<f64>| {
-        let value = present(field, value)?;
-        if value.is_finite() && value > 0.0 {
-            Ok(value)
-        } else {
-            Err(invalid(field, "a number above 0", &value.to_string()))
-        }
-    };
     Ok(Some(AnswerFit {
         noise_px: above_zero("noise_px", *noise_px)?,
         focal_scale: above_zero("focal_scale", *focal_scale)?,

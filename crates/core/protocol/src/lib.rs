@@ -82,8 +82,11 @@ mod turn;
 mod wire;
 
 pub use angle::AngleBits;
-pub use answer::{Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerState, AnswerTimes, DoubtKind};
-pub use answer_document::{AnswerDocument, ConfidenceDocument, DoubtDocument, PoseDocument, StageDocument};
+pub use answer::{
+    Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerState, AnswerTimes, DoubtKind, GravityUse,
+    MapCoordinates,
+};
+pub use answer_document::{AnswerDocument, ConfidenceDocument, PoseDocument};
 pub use balance::{MIN_PER_SIDE, UnbalancedAnchors};
 pub use camera::{CanonicalCamera, Window};
 pub use error::QueryError;

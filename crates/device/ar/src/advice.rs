@@ -55,7 +55,7 @@ impl Advice {
     /// The advice for a situation.
     pub fn of(situation: &Situation<'_>) -> Self {
         let Situation { brightness, keypoints, degrees_per_second, answer, misses } = *situation;
-        if answer.is_some_and(|answer| answer.trusted) {
+        if answer.is_some_and(Answer::trusted) {
             return Self::Ready;
         }
         let few = keypoints.is_none_or(|count| count < FEW);

@@ -30,14 +30,15 @@ use veiloc_geometry::{CameraFromWorld, Rigid3, frames::World};
 use veiloc_protocol::{Answer, AnswerPose};
 
 use crate::distances::{self, DistanceRatio, Place};
+use crate::unit::metres_per_unit;
 use crate::{Accuracy, ArWorld, Axes, CameraFromAr, FrameworkPose};
 
 /// How answers are compared and averaged.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct AlignmentOptions {
-    /// Metres of a unit of the map. Default 1.
-    pub metres_per_unit: f64,
+    /// Metres of a unit of the map. Default: as the answers state it.
+    pub metres_per_unit: Option<f64>,
     /// Standard deviation of the position along each axis that answers of one place share, metres. Default 0.02.
     pub position_floor: f64,
     /// The same of the rotation about each axis, degrees. Default 0.2.
@@ -56,7 +57,7 @@ pub struct AlignmentOptions {
 impl Default for AlignmentOptions {
     fn default() -> Self {
         Self {
-            metres_per_unit: 1.0,
+            metres_per_unit: None,
             position_floor: 0.02,
             rotation_floor_deg: 0.2,
             drift: 0.01,
@@ -68,10 +69,10 @@ impl Default for AlignmentOptions {
 }
 
 impl AlignmentOptions {
-    /// These options for a map with another unit than metres.
+    /// These options with a unit of the map, in place of the one that the answers state.
     #[must_use]
     pub const fn with_metres_per_unit(mut self, metres: f64) -> Self {
-        self.metres_per_unit = metres;
+        self.metres_per_unit = Some(metres);
         self
     }
 
@@ -125,6 +126,8 @@ pub enum Update {
     Doubtful,
     /// It has no pose, or one with a free direction. Nothing changed.
     NoPose,
+    /// It does not state the unit of the map, and the options give none, or no number above 0. Nothing changed.
+    UnknownUnit,
 }
 
 impl Update {
@@ -136,6 +139,7 @@ impl Update {
             Self::DoubtfulAgrees => "doubtful-agrees",
             Self::Doubtful => "doubtful",
             Self::NoPose => "no-pose",
+            Self::UnknownUnit => "unknown-unit",
         }
     }
 }
@@ -155,7 +159,7 @@ pub struct Aligned {
 }
 
 /// Answers of one AR session, and the transform that most of them agree on.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Alignment {
     options: AlignmentOptions,
     answers: VecDeque<Measurement>,
@@ -163,6 +167,8 @@ pub struct Alignment {
     path: f64,
     last: Option<Vector3<f64>>,
     aligned: Option<Aligned>,
+    /// Metres of a unit of the map of these answers.
+    metres_per_unit: f64,
 }
 
 /// One trusted answer.
@@ -177,25 +183,38 @@ struct Measurement {
     used: bool,
 }
 
+impl Default for Alignment {
+    fn default() -> Self {
+        Self::new(AlignmentOptions::default())
+    }
+}
+
 impl Alignment {
     /// Without answers.
     pub const fn new(options: AlignmentOptions) -> Self {
-        Self { options, answers: VecDeque::new(), path: 0.0, last: None, aligned: None }
+        Self { options, answers: VecDeque::new(), path: 0.0, last: None, aligned: None, metres_per_unit: 1.0 }
     }
 
     /// Takes an answer to a frame, and the pose of the camera when it took that frame (not the pose now).
     pub fn add(&mut self, answer: &Answer, cam_from_ar: &CameraFromAr) -> Update {
         self.moved(cam_from_ar);
-        let Some(measured) = answer.pose.as_ref().and_then(|pose| self.measurement(pose, cam_from_ar)) else {
-            return Update::NoPose;
+        let Some(pose) = &answer.pose else { return Update::NoPose };
+        let Ok(metres) = metres_per_unit(answer, self.options.metres_per_unit) else {
+            return Update::UnknownUnit;
         };
-        if !answer.trusted {
+        let Some(measured) = self.measurement(pose, cam_from_ar, metres) else { return Update::NoPose };
+        if !answer.trusted() {
             let agrees = |known: &Aligned| {
                 let covariance = Matrix6::from_fn(|i, j| known.covariance[i][j]) + measured.covariance;
                 is_within(&known.ar_from_map, &measured.ar_from_map, &covariance)
             };
             let agrees = self.aligned.as_ref().is_some_and(agrees);
             return if agrees { Update::DoubtfulAgrees } else { Update::Doubtful };
+        }
+        if metres != self.metres_per_unit {
+            // Another map: what is known of the last one says nothing.
+            self.answers.clear();
+            (self.aligned, self.metres_per_unit) = (None, metres);
         }
         self.answers.push_back(measured);
         while self.answers.len() > self.options.answers.max(2) {
@@ -238,7 +257,7 @@ impl Alignment {
     /// `None` before the first trusted answer, and for a rotation of zero.
     pub fn world_from_anchor(&self, axes: Axes, map_from_anchor: &FrameworkPose) -> Option<FrameworkPose> {
         let aligned = self.aligned.as_ref()?;
-        let position = map_from_anchor.position.map(|c| c * self.options.metres_per_unit);
+        let position = map_from_anchor.position.map(|c| c * self.metres_per_unit);
         let [x, y, z, w] = map_from_anchor.rotation;
         let map_from_anchor = Rigid3::<World, Anchor>::from_quaternion([w, x, y, z], position)?;
         Some(axes.object_pose(&aligned.ar_from_map.compose(&map_from_anchor)))
@@ -248,7 +267,7 @@ impl Alignment {
     /// than a single one.
     pub fn cam_from_map(&self, cam_from_ar: &CameraFromAr) -> Option<CameraFromWorld> {
         let in_metres = cam_from_ar.compose(&self.aligned.as_ref()?.ar_from_map);
-        let translation = in_metres.translation() / self.options.metres_per_unit;
+        let translation = in_metres.translation() / self.metres_per_unit;
         Some(CameraFromWorld::new(*in_metres.rotation(), translation))
     }
 
@@ -268,8 +287,7 @@ impl Alignment {
     }
 
     /// One answer as a transform; `None` when it leaves a direction free.
-    fn measurement(&self, pose: &AnswerPose, cam_from_ar: &CameraFromAr) -> Option<Measurement> {
-        let metres = self.options.metres_per_unit;
+    fn measurement(&self, pose: &AnswerPose, cam_from_ar: &CameraFromAr, metres: f64) -> Option<Measurement> {
         let cam_from_map =
             CameraFromWorld::from_quaternion(pose.rotation, pose.translation.map(|t| t * metres))?;
         // Rotation in radians, translation in metres.

@@ -27,8 +27,8 @@
 //! # The unit of the map
 //! The poses of the AR framework are in metres, those of a map in its own unit, and
 //! [`BurstOptions::metres_per_unit`] converts them. With a wrong unit the frames of a camera that moves contradict each
-//! other, and are worth no more than one. Where the unit is not known, seal one frame ([`BurstOptions::with_frames`]):
-//! its message has no distance. [`Alignment::distance_ratio`](crate::Alignment::distance_ratio) shows whether the unit is
+//! other, and are worth no more than one. Until the unit is known, from the options or from an answer
+//! ([`Burst::learn_unit`]), only the newest frame that can be sealed is: its message has no distance. [`Alignment::distance_ratio`](crate::Alignment::distance_ratio) shows whether the unit is
 //! right, and `veiloc map align` gives a map metres.
 
 use std::collections::VecDeque;
@@ -37,7 +37,7 @@ use rand::CryptoRng;
 use veiloc_features::{CameraFrame, PixelFormat};
 use veiloc_geometry::QuarterTurns;
 use veiloc_obfuscation::{KnownCamera, SealError, SealErrorKind, SealOptions, Session};
-use veiloc_protocol::{Profile, RigMessage};
+use veiloc_protocol::{Answer, Profile, RigMessage};
 
 use crate::seal::check_numbers;
 use crate::{CameraFromAr, FrameError, RigError, SealedCameraFrame, rig_message, seal_to_send};
@@ -56,13 +56,14 @@ pub struct BurstOptions {
     pub rotation_sd_deg: f64,
     /// The same of the position, along each axis, metres. Default 0.01.
     pub translation_sd: f64,
-    /// Metres of a unit of the map. Default 1. With one frame it does not matter.
-    pub metres_per_unit: f64,
+    /// Metres of a unit of the map, as `GET /v1/maps` and every answer state it ([`Burst::learn_unit`]). Default: not
+    /// known; until it is, one frame is sealed at a time.
+    pub metres_per_unit: Option<f64>,
 }
 
 impl Default for BurstOptions {
     fn default() -> Self {
-        Self { frames: 3, window: 1.0, rotation_sd_deg: 0.1, translation_sd: 0.01, metres_per_unit: 1.0 }
+        Self { frames: 3, window: 1.0, rotation_sd_deg: 0.1, translation_sd: 0.01, metres_per_unit: None }
     }
 }
 
@@ -91,10 +92,10 @@ impl BurstOptions {
         self
     }
 
-    /// These options for a map with another unit than metres.
+    /// These options for a map with this unit.
     #[must_use]
     pub const fn with_metres_per_unit(mut self, metres: f64) -> Self {
-        self.metres_per_unit = metres;
+        self.metres_per_unit = Some(metres);
         self
     }
 }
@@ -225,8 +226,13 @@ impl Burst {
         if !((1..=BurstOptions::MAX_FRAMES).contains(&frames) && window.is_finite() && window > 0.0) {
             return Err(BurstError::Window { frames, window });
         }
-        check_numbers(metres_per_unit, rotation_sd_deg, translation_sd)?;
+        check_numbers(metres_per_unit.unwrap_or(1.0), rotation_sd_deg, translation_sd)?;
         Ok(Self { options, kept: VecDeque::new(), start: 0.0, last: None })
+    }
+
+    /// Takes the unit of the map from an answer, unless the options have one.
+    pub fn learn_unit(&mut self, answer: &Answer) {
+        self.options.metres_per_unit = self.options.metres_per_unit.or(answer.map.metres_per_unit);
     }
 
     /// Takes a frame, if it is the sharpest of its part so far; its pixels are copied then. Returns whether it did.
@@ -326,24 +332,31 @@ impl Burst {
         let kept = std::mem::take(&mut self.kept);
         let mut next = session.clone();
         let mut sealed: Vec<(SealedCameraFrame, CameraFromAr)> = Vec::new();
-        let mut first_error = None;
+        let (mut first_error, mut left_out) = (None, 0);
         for frame in kept.iter().rev() {
             // Several would tell the tilt more finely than it is rounded.
             let options = if sealed.is_empty() { options.clone() } else { options.clone().without_gravity() };
             match frame.seal(&mut next, profile, &options, rng) {
                 Ok(query) => sealed.push((query, frame.cam_from_ar)),
                 Err(error) if is_stopped(&error) => return Err(error.into()),
-                Err(error) => first_error = first_error.or(Some(error)),
+                Err(error) => {
+                    left_out += 1;
+                    first_error = first_error.or(Some(error));
+                }
+            }
+            // The distance between frames has no meaning yet.
+            if metres_per_unit.is_none() && !sealed.is_empty() {
+                break;
             }
         }
         let Some((newest, cam_from_ar)) = sealed.first() else {
             return Err(first_error.map_or(BurstError::Empty, BurstError::Frame));
         };
         let (keypoints, brightness, cam_from_ar) = (newest.keypoints, newest.brightness, *cam_from_ar);
-        let left_out = kept.len() - sealed.len();
         let (queries, cameras): (Vec<_>, Vec<_>) =
             sealed.into_iter().map(|(frame, camera)| (frame.query, camera)).unzip();
-        let mut message = rig_message(queries, &cameras, metres_per_unit, rotation_sd_deg, translation_sd)?;
+        let metres = metres_per_unit.unwrap_or(1.0);
+        let mut message = rig_message(queries, &cameras, metres, rotation_sd_deg, translation_sd)?;
         // Errors of steps add up.
         for (steps, frame) in message.frames.iter_mut().enumerate() {
             let factor = (steps as f64).sqrt();

@@ -41,6 +41,7 @@ mod axes;
 mod burst;
 mod distances;
 mod seal;
+mod unit;
 
 pub use accuracy::Accuracy;
 pub use advice::{Advice, Situation};
@@ -52,5 +53,6 @@ pub use seal::{
     FrameError, RigError, SealedCameraFrame, orientation_in_world, rig_message, rig_of, seal_frame,
     seal_frame_in, seal_to_send,
 };
+pub use unit::{UnitError, metres_per_unit};
 pub use veiloc_features::{CameraFrame, PixelFormat};
 pub use veiloc_geometry::QuarterTurns;

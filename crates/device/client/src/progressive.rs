@@ -97,15 +97,13 @@ impl Client {
                 result => result,
             };
             let outcome = match &result {
-                Ok(answer) if answer.trusted => StepOutcome::Trusted,
+                Ok(answer) if answer.trusted() => StepOutcome::Trusted,
                 Ok(_) => StepOutcome::Doubtful,
                 Err(_) => StepOutcome::NotLocalized,
             };
             steps.push(Step { rows: part.len(), bytes: part.encode().len(), outcome });
-            let is_enough = result.as_ref().is_ok_and(|answer| {
-                let sd = answer.pose.as_ref().map_or(f64::INFINITY, |pose| pose.position_sd());
-                criterion.is_met(answer.trusted, sd)
-            });
+            let is_enough =
+                result.as_ref().is_ok_and(|answer| criterion.is_met(answer.trusted(), answer.position_sd()));
             last = Some(result);
             if is_enough {
                 break;

@@ -32,6 +32,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod answer;
 mod calibrated;
 mod correspondences;
 mod error;
@@ -40,10 +41,11 @@ pub mod matching;
 pub mod retrieval;
 mod rig;
 
+pub use answer::answer_doubts;
 pub use correspondences::{MatchedObservations, observe_matches};
 pub use error::LocalizeError;
 pub use localizer::{
-    GravityUse, Localization, LocalizeOptions, MatchResult, MatchedPair, MatchedQuery, StageTimes, localize,
+    Localization, LocalizeOptions, MatchResult, MatchedPair, MatchedQuery, StageTimes, localize,
     localize_matched, match_in, match_query,
 };
 pub use rig::{FrameLocalization, RigLocalization, localize_rig};

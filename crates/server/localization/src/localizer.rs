@@ -14,7 +14,7 @@ use veiloc_pose::{
     Confidence, FocalPrior, Gravity, PoseOptions, PoseProblem, PositionPrior, Precision, Rival, State,
     estimate_pose,
 };
-use veiloc_protocol::{CoarseGravity, SealedQuery};
+use veiloc_protocol::{CoarseGravity, GravityUse, SealedQuery};
 
 use crate::calibrated::{CalibratedEstimate, RawEstimate};
 use crate::correspondences::observe_matches;
@@ -67,17 +67,6 @@ pub struct StageTimes {
     pub match_ms: f64,
     /// Robust estimation with refinement.
     pub pose_ms: f64,
-}
-
-/// Use of the gravity direction of a query.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum GravityUse {
-    /// The query has no gravity direction.
-    NotProvided,
-    /// It was used.
-    Used,
-    /// The query has one, but the map has none: it was not used.
-    UnknownInMap,
 }
 
 /// Result of localization.
@@ -253,6 +242,19 @@ fn gravity_of(query: &SealedQuery, map: MapView<'_>) -> Option<Gravity> {
     Some(Gravity { in_camera: measured.in_camera().into(), in_world: down.in_world().into(), sd_deg })
 }
 
+/// Use of the gravity of the queries of an image or of a rig.
+pub(crate) fn gravity_use<'a>(
+    queries: impl IntoIterator<Item = &'a SealedQuery>,
+    map: &MapFile,
+) -> GravityUse {
+    let is_provided = queries.into_iter().any(|query| query.gravity().is_some());
+    match (is_provided, map.down()) {
+        (false, _) => GravityUse::NotProvided,
+        (true, Some(_)) => GravityUse::Used,
+        (true, None) => GravityUse::UnknownInMap,
+    }
+}
+
 /// Localizes a sealed query.
 ///
 /// A caller cancels it by `options.pose.stop`: then it ends soon without a pose.
@@ -310,11 +312,7 @@ pub fn localize_matched(
         camera_evidence: estimate.camera_evidence,
         confidence,
         rival: estimate.rival,
-        gravity: match query.gravity() {
-            None => GravityUse::NotProvided,
-            Some(_) if problem.gravity.is_some() => GravityUse::Used,
-            Some(_) => GravityUse::UnknownInMap,
-        },
+        gravity: gravity_use([query], map.file()),
         state,
         noise_px: estimate.noise_px,
         focal_scale: estimate.focal_scale,

@@ -7,11 +7,11 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_geometry::{CameraFromWorld, RigFromWorld};
 use veiloc_map::MapFile;
 use veiloc_pose::{Confidence, RigFrame, State, estimate_rig_pose};
-use veiloc_protocol::{Scheme, SealedFrame};
+use veiloc_protocol::{GravityUse, Scheme, SealedFrame};
 
 use crate::calibrated::{CalibratedEstimate, RawEstimate};
 use crate::error::LocalizeError;
-use crate::localizer::{LocalizeOptions, MatchedQuery, StageTimes, count_distinct, match_query};
+use crate::localizer::{LocalizeOptions, MatchedQuery, StageTimes, count_distinct, gravity_use, match_query};
 
 /// Result of localizing a rig.
 #[derive(Debug, Clone)]
@@ -28,6 +28,8 @@ pub struct RigLocalization {
     pub state: State,
     /// Frames, `[F]`, in input order.
     pub frames: Vec<FrameLocalization>,
+    /// Use of the gravity directions of the queries.
+    pub gravity: GravityUse,
     /// Number of hypotheses, of all frames together.
     pub hypotheses: usize,
     /// Duration of each stage, of all frames together.
@@ -140,6 +142,7 @@ pub fn localize_rig(
         confidence,
         state,
         frames: localized_frames.collect(),
+        gravity: gravity_use(frames.iter().map(|frame| &frame.query), map),
         hypotheses: estimate.hypotheses,
         times: StageTimes {
             retrieve_ms: matched.iter().map(|a| a.retrieve_ms).sum(),

@@ -2,12 +2,10 @@
 
 use std::num::NonZeroU64;
 
-use veiloc_localization::{LocalizeError, LocalizeOptions, StageTimes, localize, localize_rig};
+use veiloc_localization::{LocalizeError, LocalizeOptions, localize, localize_rig};
 use veiloc_map::MapFile;
 use veiloc_pose::PoseError;
-use veiloc_protocol::{Answer, QueryError, RigMessage, SealedFrame, SealedQuery};
-
-use crate::answer::{answer_of, answer_of_rig};
+use veiloc_protocol::{Answer, AnswerTimes, QueryError, RigMessage, SealedFrame, SealedQuery};
 
 /// The kind of body that the client declares by the address it uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,26 +75,14 @@ impl DecodedRequest {
         map: &MapFile,
         options: &LocalizeOptions,
         queue_ms: f64,
-    ) -> Result<LocalizeOutput, LocalizeFailure> {
+    ) -> Result<Answer, LocalizeFailure> {
         match self {
-            Self::Query(query) => localize(query, map, options)
-                .map(|result| LocalizeOutput { answer: answer_of(&result, queue_ms), times: result.times }),
-            Self::Rig(frames) => localize_rig(frames, map, options).map(|result| LocalizeOutput {
-                answer: answer_of_rig(&result, queue_ms),
-                times: result.times,
-            }),
+            Self::Query(query) => localize(query, map, options).map(|result| result.answer(map)),
+            Self::Rig(frames) => localize_rig(frames, map, options).map(|result| result.answer(map)),
         }
+        .map(|answer| Answer { times: AnswerTimes { queue_ms, ..answer.times }, ..answer })
         .map_err(|error| LocalizeFailure::of(&error))
     }
-}
-
-/// An answer and the durations of the stages that computed it.
-#[derive(Debug, Clone)]
-pub struct LocalizeOutput {
-    /// The answer.
-    pub answer: Answer,
-    /// Duration of each stage.
-    pub times: StageTimes,
 }
 
 /// Why a decoded query got no pose.

@@ -48,7 +48,7 @@ impl GeoReference {
     /// A pose in the map as a GeoPose with its accuracy; `None` when the pose leaves a direction free.
     pub(crate) fn geopose(&self, pose: &AnswerPose) -> Option<(GeoPose, GeoPoseAccuracy)> {
         let enu_from_map = Rotation3::from_axis_angle(&Vector3::z_axis(), self.x_from_east_deg.to_radians());
-        let position = self.origin.at_east_north_up(&(enu_from_map * Vector3::from(pose.center)));
+        let position = self.origin.at_east_north_up(&(enu_from_map * Vector3::from(pose.center())));
         // East, north and up at the camera are not exactly those at the origin.
         let here_from_origin = position.enu_from_ecef() * self.origin.enu_from_ecef().transpose();
         let [w, x, y, z] = pose.rotation;
@@ -56,9 +56,10 @@ impl GeoReference {
         let enu_from_body =
             here_from_origin * enu_from_map.matrix() * cam_from_map.matrix().transpose() * CAM_FROM_BODY;
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(enu_from_body));
+        let center_covariance = pose.center_covariance();
         let mean_sd = |variances: [f64; 3]| variances.map(f64::sqrt).iter().sum::<f64>() / 3.0;
         let accuracy = GeoPoseAccuracy {
-            position: mean_sd([0, 1, 2].map(|i| pose.center_covariance[i][i])),
+            position: mean_sd([0, 1, 2].map(|i| center_covariance[i][i])),
             orientation: mean_sd([0, 1, 2].map(|i| pose.covariance[i][i])).to_degrees(),
         };
         let (Geodetic { latitude, longitude, altitude }, q) = (position, rotation.coords);
@@ -121,18 +122,12 @@ mod tests {
         let q = UnitQuaternion::from_rotation_matrix(&rotation);
         let center = Vector3::new(10.0, 0.0, 1.5);
         let mut covariance = [[0.0; 6]; 6];
-        let mut center_covariance = [[0.0; 3]; 3];
         for i in 0..3 {
             covariance[i][i] = 0.01_f64.powi(2);
-            center_covariance[i][i] = [0.01_f64, 0.02, 0.06][i].powi(2);
+            // 0.01 along x, 0.02 along y and 0.06 along z of the map.
+            covariance[3 + i][3 + i] = [0.02_f64, 0.06, 0.01][i].powi(2);
         }
-        AnswerPose {
-            rotation: [q.w, q.i, q.j, q.k],
-            translation: (-(rotation * center)).into(),
-            center: center.into(),
-            covariance,
-            center_covariance,
-        }
+        AnswerPose { rotation: [q.w, q.i, q.j, q.k], translation: (-(rotation * center)).into(), covariance }
     }
 
     fn near(found: GeoQuaternion, expected: [f64; 4]) -> bool {
@@ -170,7 +165,7 @@ mod tests {
     fn a_free_direction_has_no_geopose() {
         let place: GeoReference = "lobby=47.0,8.0,400".parse().expect("valid");
         let mut pose = along_x();
-        pose.center_covariance[1][1] = f64::INFINITY;
+        pose.covariance[4][4] = f64::INFINITY;
         assert_eq!(place.geopose(&pose), None);
     }
 

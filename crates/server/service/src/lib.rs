@@ -49,7 +49,6 @@
 #![forbid(unsafe_code)]
 
 mod admin;
-mod answer;
 pub mod auth;
 mod clock;
 mod cors;
@@ -92,7 +91,7 @@ pub mod worker_api {
 pub use crate::http::{ListenAddress, TlsFiles};
 pub use crate::telemetry::{LogLine, LogQueue};
 pub use clock::Clock;
-pub use decoded_request::{BodyKind, DecodedRequest, LocalizeFailure, LocalizeOutput, NoPose};
+pub use decoded_request::{BodyKind, DecodedRequest, LocalizeFailure, NoPose};
 pub use error::ServerError;
 pub use geo_reference::GeoReference;
 pub use options::{MapSource, RateLimit, ServerOptions, Timeouts};

@@ -10,7 +10,7 @@ use crate::http::ReloadAttempts;
 use crate::web_page::{Content, subsampled_points};
 use veiloc_map::is_map_name;
 use veiloc_map::{MapError, MapFile, MapMemory};
-use veiloc_protocol::{Profile, RigMessage};
+use veiloc_protocol::{MapCoordinates, Profile, RigMessage};
 
 use crate::decoded_request::BodyKind;
 use crate::error::ServerError;
@@ -103,11 +103,11 @@ impl LoadedMap {
         }
     }
 
-    /// Whether map units are metres; false if not known.
-    pub(crate) fn is_metric(&self) -> bool {
+    /// What its coordinates mean.
+    pub(crate) fn coordinates(&self) -> MapCoordinates {
         match &self.backend {
-            Backend::Local(map) => map.is_metric(),
-            Backend::Remote { description, .. } => description.is_metric,
+            Backend::Local(map) => map.coordinates(),
+            Backend::Remote { description, .. } => description.coordinates,
         }
     }
 
@@ -190,7 +190,7 @@ impl MapSlot {
     /// Warns of a map with a geographic reference that does not say that its unit is metres: its GeoPoses are wrong by the
     /// scale of the map.
     fn check_unit(&self, loaded: &LoadedMap) {
-        if self.has_reference && !loaded.is_metric() {
+        if self.has_reference && loaded.coordinates().metres_per_unit.is_none() {
             tracing::warn!(
                 map = loaded.name,
                 "the unit of this map is not known to be metres, as its geographic reference needs: align it with \
@@ -463,10 +463,11 @@ mod tests {
 
     #[test]
     fn remote_map_in_an_unknown_unit_is_warned_of_once_if_it_has_a_geographic_reference() {
-        let described = |is_metric| {
+        let described = |is_metric: bool| {
+            let coordinates = MapCoordinates { metres_per_unit: is_metric.then_some(1.0), down: None };
             let words = Descriptors::new(DescriptorKind::ROOT_SIFT, vec![9; 512]).unwrap();
             let profile = Profile::vlad(Vocabulary::new(words).unwrap());
-            Arc::new(MapDescription { profile, images: 1, points: 1, is_metric })
+            Arc::new(MapDescription { profile, images: 1, points: 1, coordinates })
         };
         let log = Log::default();
         let writer = log.clone();

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use crate::auth::TokenKey;
 use crate::telemetry::{RequestContext, RequestId};
-use veiloc_protocol::{Answer, PositionHint, Profile};
+use veiloc_protocol::{Answer, MapCoordinates, PositionHint, Profile};
 
 use crate::decoded_request::{DecodedRequest, LocalizeFailure};
 
@@ -25,8 +25,8 @@ pub struct MapDescription {
     pub images: usize,
     /// Map points.
     pub points: usize,
-    /// Whether map units are metres; false if not known.
-    pub is_metric: bool,
+    /// What the coordinates of the map mean.
+    pub coordinates: MapCoordinates,
 }
 
 /// One request to a remote backend.

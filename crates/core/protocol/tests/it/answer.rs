@@ -23,6 +23,7 @@ fn answers_match_the_schema() {
             let expected = match field.name() {
                 "doubts" => doubts > 0,
                 "noise_px" | "focal_scale" | "principal_shift_px" => ours.fit.is_some(),
+                "metres_per_unit" | "down" => ours.map.down.is_some(),
                 _ => true,
             };
             assert_eq!(message.has_field(&field), expected, "{}", field.full_name());
@@ -35,7 +36,7 @@ fn answers_match_the_schema() {
         assert_eq!(value("rotation"), list(&pose.rotation));
         assert_eq!(value("covariance"), list(&pose.covariance.concat()));
         assert_eq!(value("milliseconds"), list(&[0.25, 0.5, 12.0, 3.75]));
-        assert_eq!(value("trusted"), Value::U32(u32::from(doubts == 0)));
+        assert_eq!(value("gravity"), Value::U32(if ours.fit.is_some() { 1 } else { 2 }));
         assert_eq!((value("inliers"), value("matches")), (Value::U32(311), Value::U32(912)));
         let count = value("doubts").as_list().expect("a list").len();
         assert_eq!(count, doubts);
@@ -45,6 +46,7 @@ fn answers_match_the_schema() {
                 (Value::F64(fit.noise_px), Value::F64(fit.focal_scale))
             );
             assert_eq!(value("principal_shift_px"), list(&fit.principal_shift_px));
+            assert_eq!((value("metres_per_unit"), value("down")), (Value::F64(1.0), list(&[0.0, -1.0, 0.0])));
         }
         assert_eq!(Answer::decode(&bytes).expect("own bytes"), ours);
     }
@@ -58,7 +60,8 @@ fn answers_have_one_length() {
             let mut answer = answer(7, doubts);
             answer.doubts.iter_mut().for_each(|doubt| doubt.text = "w".repeat(words));
             // The same holds for an answer that reports its fit, and for one whose pose is withheld.
-            let full = Answer { fit: answer_with_fit(7, 0).fit, ..answer.clone() };
+            let Answer { fit, map, .. } = answer_with_fit(7, 0);
+            let full = Answer { fit, map, ..answer.clone() };
             for answer in [answer, full.clone(), full.trusted_only()] {
                 assert_eq!(answer.encode().len(), Answer::PADDED_BYTES, "{doubts}, {words}");
             }
@@ -84,6 +87,9 @@ fn known_answers_round_trip() {
         assert_eq!(read, expected);
         assert!(read.encode() == bytes, "{file} is now encoded differently");
     }
+    // The document that every binding gives: `scripts/phones/run.py` and `bindings/web/check.mjs` compare theirs.
+    let expected = include_str!("../data/doubtful.json");
+    assert_eq!(expected, answer_with_fit(1, 2).to_json());
 }
 
 /// Only doubtful poses can be withheld.
@@ -95,7 +101,7 @@ fn only_doubtful_poses_can_be_withheld() {
     assert_eq!((withheld.pose, withheld.doubts.len(), withheld.state()), (None, 2, AnswerState::Doubtful));
     assert_eq!(Answer::decode(&withheld.encode()), Ok(withheld.clone()));
     // A trusted answer without a pose, or with an incomplete pose, is invalid.
-    let lying = Answer { trusted: true, doubts: Vec::new(), ..withheld };
+    let lying = Answer { doubts: Vec::new(), ..withheld };
     let refused = Answer::decode(&lying.encode());
     assert!(matches!(refused, Err(QueryError::Length { field: "rotation", .. })), "{refused:?}");
     let whole = answer_with_fit(1, 2).encode();
@@ -133,15 +139,19 @@ fn position_sd_is_the_largest_standard_deviation() {
     assert!(pose.position_sd().is_infinite());
 }
 
-/// A reader that looks at `trusted` and one that looks at the doubts come to the same.
+/// The centre follows from the pose, and its covariance has the same least certain direction.
 #[test]
-fn trusted_answers_have_no_doubts_and_others_have_some() {
-    for (trusted, doubts) in [(true, 2), (false, 0)] {
-        let contradictory = Answer { trusted, ..answer(1, doubts) };
-        let refused = Answer::decode(&contradictory.encode());
-        let is_named = matches!(&refused, Err(QueryError::Mismatch { what: "trusted", .. }));
-        assert!(is_named, "trusted {trusted}, {doubts} doubts: {refused:?}");
-    }
+fn center_follows_from_the_pose() {
+    let mut pose = answer(1, 0).pose.expect("a pose");
+    pose.covariance = std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j)) * 0.25));
+    // A quarter turn about z takes x to y and y to -x.
+    pose.rotation = [0.5_f64.sqrt(), 0.0, 0.0, 0.5_f64.sqrt()];
+    let ([x, y, z], center) = (pose.translation, pose.center());
+    let off = center.iter().zip([-y, x, -z]).map(|(c, expected)| (c - expected).abs()).fold(0.0, f64::max);
+    assert!(off < 1e-9, "{center:?} and {:?}", pose.translation);
+    assert!(pose.position_sd() > 0.49 && pose.center_covariance()[0][0] > 0.24);
+    pose.rotation = [0.0; 4];
+    assert!(pose.cam_from_world().is_none() && pose.center().iter().all(|c| c.is_nan()));
 }
 
 #[test]
@@ -155,13 +165,16 @@ fn error_names_the_invalid_field() {
     fn pose(answer: &mut Answer) -> &mut AnswerPose {
         answer.pose.as_mut().expect("a pose")
     }
-    let cases: [(Change, &str); 6] = [
+    let cases: [(Change, &str); 9] = [
         (|a| pose(a).rotation[0] = 0.6, "rotation"),
         (|a| pose(a).rotation[2] = f64::NAN, "rotation"),
         (|a| pose(a).translation[1] = f64::INFINITY, "translation"),
         (|a| pose(a).covariance[2][3] = f64::NAN, "covariance"),
         (|a| a.margin = f64::NAN, "margin"),
         (|a| a.times.match_ms = -1.0, "milliseconds"),
+        (|a| a.map.metres_per_unit = Some(0.0), "metres_per_unit"),
+        (|a| a.map.down = Some([0.0, 0.0, 2.0]), "down"),
+        (|a| a.map.down = Some([0.0, f64::NAN, 1.0]), "down"),
     ];
     for (change, field) in cases {
         let error = refused(change);

@@ -8,15 +8,18 @@ use veiloc_protocol::{Answer, AnswerDocument};
 fn document_has_all_fields_of_the_answer() {
     let answer: Answer = common::answer_with_fit(5, 2);
     let pose = answer.pose.expect("a pose");
-    let document = serde_json::to_value(AnswerDocument::new("lobby", &answer)).expect("JSON");
+    let document = serde_json::to_value(AnswerDocument::new(&answer)).expect("JSON");
     assert_eq!(document["version"], 1);
-    assert_eq!(document["map"], "lobby");
     assert_eq!(document["cam_from_world"]["q"], serde_json::json!([0.5, -0.5, 0.5, 0.5]));
     assert_eq!(document["cam_from_world"]["t"], serde_json::json!(pose.translation));
-    assert_eq!(document["center"], serde_json::json!(pose.center));
+    assert_eq!(document["center"], serde_json::json!(pose.center()));
     assert_eq!(document["covariance"][2][3], pose.covariance[2][3]);
-    assert_eq!(document["center_covariance"], serde_json::json!(pose.center_covariance));
-    assert_eq!((&document["trusted"], &document["state"]), (&false.into(), &"doubtful".into()));
+    assert_eq!(document["center_covariance"][0][1], pose.center_covariance()[0][1]);
+    assert_eq!(document["state"], "doubtful");
+    assert_eq!((&document["metres_per_unit"], &document["sd_includes"]), (&1.0.into(), &"map".into()));
+    assert_eq!(document["down"], serde_json::json!([0.0, -1.0, 0.0]));
+    assert_eq!(document["gravity"], "used");
+    assert_eq!(serde_json::from_str::<serde_json::Value>(&answer.to_json()).expect("JSON"), document);
     assert_eq!(document["position_sd"], serde_json::json!(pose.position_sd()));
     assert_eq!((&document["noise_px"], &document["focal_scale"]), (&0.75.into(), &1.031_25.into()));
     assert_eq!(
@@ -40,11 +43,13 @@ fn document_has_all_fields_of_the_answer() {
 fn withheld_pose_is_absent() {
     let answer = common::answer_with_fit(5, 1);
     let fields = |answer: &Answer| -> Vec<String> {
-        let document = serde_json::to_value(AnswerDocument::new("lobby", answer)).expect("JSON");
+        let document = serde_json::to_value(AnswerDocument::new(answer)).expect("JSON");
         document.as_object().expect("fields").keys().cloned().collect()
     };
     let (all, left) = (fields(&answer), fields(&answer.trusted_only()));
     let gone: Vec<&str> = all.iter().filter(|f| !left.contains(f)).map(String::as_str).collect();
-    assert_eq!(gone, ["cam_from_world", "center", "center_covariance", "covariance", "position_sd"]);
+    let pose =
+        ["cam_from_world", "center", "center_covariance", "covariance", "position_sd", "rotation_sd_deg"];
+    assert_eq!(gone, pose);
     assert!(left.contains(&"doubts".to_owned()) && left.contains(&"state".to_owned()), "{left:?}");
 }

@@ -3,7 +3,7 @@
 use veiloc_ar::{Alignment, AlignmentOptions, AlignmentState, Axes, DistanceVerdict, FrameworkPose, Update};
 use veiloc_geometry::nalgebra::{Matrix6, Rotation3, Vector3, Vector6};
 use veiloc_geometry::{CameraFromWorld, Rigid3};
-use veiloc_protocol::Answer;
+use veiloc_protocol::{Answer, MapCoordinates};
 
 use crate::walk::{Walk, answer};
 
@@ -136,6 +136,32 @@ fn after_a_jump_the_new_answers_take_over() {
     }
     assert!(taken_over.is_some_and(|answers| (4..=7).contains(&answers)), "{taken_over:?}");
     assert!(error(&alignment, &walk, 39) < 0.2);
+}
+
+/// A map without a unit is not taken for one in metres, and a new unit belongs to a new map.
+#[test]
+fn unit_comes_from_the_answers_or_from_the_app() {
+    let mut walk = Walk::new(2, 0.0, 9);
+    let (first, second) = (walk.answer(0), walk.answer(1));
+    let of_unit = |answer: &Answer, metres_per_unit| {
+        let map = MapCoordinates { metres_per_unit, ..answer.map };
+        Answer { map, ..answer.clone() }
+    };
+    let [here, there] = [0, 1].map(|i| walk.frames[i].cam_from_ar);
+    let mut alignment = Alignment::default();
+    assert_eq!(alignment.add(&of_unit(&first, None), &here), Update::UnknownUnit);
+    assert!(alignment.aligned().is_none());
+    assert_eq!(alignment.add(&first, &here), Update::Used);
+    assert_eq!(alignment.add(&second, &there), Update::Used);
+    assert_eq!(alignment.state(), AlignmentState::Aligned);
+    assert_eq!(alignment.add(&of_unit(&second, Some(0.5)), &there), Update::Used);
+    assert_eq!(alignment.state(), AlignmentState::Tentative);
+    let mut given = Alignment::new(AlignmentOptions::default().with_metres_per_unit(1.0));
+    assert_eq!(given.add(&of_unit(&first, None), &here), Update::Used);
+    for impossible in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let mut alignment = Alignment::new(AlignmentOptions::default().with_metres_per_unit(impossible));
+        assert_eq!(alignment.add(&first, &here), Update::UnknownUnit, "{impossible}");
+    }
 }
 
 #[test]

@@ -28,7 +28,7 @@ fn session() -> Session {
 }
 
 fn burst() -> Burst {
-    Burst::new(BurstOptions::default()).expect("options")
+    Burst::new(BurstOptions::default().with_metres_per_unit(1.0)).expect("options")
 }
 
 fn offer(burst: &mut Burst, frame: &Frame, seconds: f64) -> bool {
@@ -273,7 +273,7 @@ fn each_part_of_the_window_keeps_one_frame() {
     let frame = CameraFrame::new(PixelFormat::Gray, SIZE, &pixels, 0).expect("a frame");
     let pose = CameraFromAr::identity();
     for frames in 1..=BurstOptions::MAX_FRAMES {
-        let options = BurstOptions::default().with_frames(frames);
+        let options = BurstOptions::default().with_frames(frames).with_metres_per_unit(1.0);
         let mut burst = Burst::new(options).expect("options");
         for i in 0..100 {
             let elapsed = f64::from(i) / 29.0;
@@ -330,7 +330,7 @@ fn numbers_that_are_not_finite_are_refused_and_change_nothing() {
 
 #[test]
 fn options_that_are_not_possible_are_refused() {
-    let default = BurstOptions::default();
+    let default = BurstOptions::default().with_metres_per_unit(1.0);
     for options in [
         default.with_frames(0),
         default.with_frames(6),

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_ar::{ArWorld, CameraFromAr};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Rigid3, frames::World};
-use veiloc_protocol::{Answer, AnswerDoubt, AnswerPose, AnswerTimes, DoubtKind};
+use veiloc_protocol::{Answer, AnswerDoubt, AnswerPose, AnswerTimes, DoubtKind, GravityUse, MapCoordinates};
 
 /// One frame of the walk.
 pub(crate) struct Frame {
@@ -77,15 +77,14 @@ pub(crate) fn answer(pose: &CameraFromWorld, trusted: bool) -> Answer {
         pose: Some(AnswerPose {
             rotation: pose.quaternion(),
             translation: (*pose.translation()).into(),
-            center: pose.center().coords.into(),
             covariance,
-            center_covariance: pose.center_covariance(&covariance),
         }),
-        trusted,
         doubts: if trusted { Vec::new() } else { vec![doubt] },
         log_evidence: 100.0,
         margin: f64::INFINITY,
         fit: None,
+        gravity: GravityUse::NotProvided,
+        map: MapCoordinates { metres_per_unit: Some(1.0), down: None },
         inliers: 100,
         matches: 200,
         hypotheses: 10,

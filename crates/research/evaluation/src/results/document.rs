@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use veiloc_geometry::CameraFromWorld;
+use veiloc_localization::answer_doubts;
 use veiloc_pose::{Confidence, ScoreKind, State};
-use veiloc_protocol::Scheme;
+use veiloc_protocol::{AnswerDoubt, PoseDocument, Scheme};
 
 use crate::results::metrics::{PoseErrors, finite};
 use crate::results::state::{as_text_if_any, from_text_if_any};
@@ -173,9 +174,6 @@ pub struct QueryResult {
     /// The estimated pose; absent when not localized.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cam_from_world: Option<PoseDocument>,
-    /// Whether the estimator trusts it; absent without a pose, or if trust was not evaluated.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub trusted: Option<bool>,
     /// State of the pose according to the estimator: `trusted`, `doubtful` or `not-found`; absent if it was not evaluated.
     #[serde(
         default,
@@ -185,9 +183,9 @@ pub struct QueryResult {
     )]
     #[cfg_attr(feature = "schema", schemars(with = "Option<String>"))]
     pub state: Option<State>,
-    /// Why the pose is not trusted, in words; absent when it is, or without a pose.
+    /// Why the pose is not trusted; absent when it is, or without a pose.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub doubts: Vec<String>,
+    pub doubts: Vec<AnswerDoubt>,
     /// Natural logarithm of the evidence against chance; absent if no pose was estimated, or if trust was not evaluated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub log_evidence: Option<f64>,
@@ -296,29 +294,6 @@ const fn yes() -> bool {
     true
 }
 
-/// A pose in a document, world to camera.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct PoseDocument {
-    /// Hamilton quaternion `w x y z`.
-    pub q: [f64; 4],
-    /// Translation, map units.
-    pub t: [f64; 3],
-}
-
-impl PoseDocument {
-    /// The document of a pose.
-    pub fn of(pose: &CameraFromWorld) -> Self {
-        let t = pose.translation();
-        Self { q: pose.quaternion(), t: [t.x, t.y, t.z] }
-    }
-
-    /// The pose; `None` when the values are invalid.
-    pub fn pose(&self) -> Option<CameraFromWorld> {
-        CameraFromWorld::from_quaternion(self.q, self.t)
-    }
-}
-
 /// Facts about the map of a scene.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -363,7 +338,6 @@ impl QueryResult {
             variant: EstimatorVariant::default(),
             seed: 0,
             cam_from_world: None,
-            trusted: None,
             state: None,
             doubts: Vec::new(),
             log_evidence: None,
@@ -400,10 +374,9 @@ impl QueryResult {
 
     /// Sets what the estimator says about its pose.
     pub(crate) fn judged(mut self, state: State, confidence: &Confidence) -> Self {
-        self.trusted = Some(state == State::Trusted);
         self.state = Some(state);
         self.log_evidence = finite(confidence.log_evidence);
-        self.doubts = confidence.doubts().iter().map(ToString::to_string).collect();
+        self.doubts = answer_doubts(confidence);
         self
     }
 

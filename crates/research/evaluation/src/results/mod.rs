@@ -21,8 +21,8 @@ mod uncertainty;
 
 pub use data_set::{DataSetEvaluation, RunInfo, SceneInfo, SceneQuery, SceneSummary};
 pub use document::{
-    EstimatorVariant, EvaluationDocument, LossStage, MapSummary, PoseDocument, QueryResult, RegionsSummary,
-    SchemeSummary, SeedSummary, SentDocument, SentSummary, SparseMap,
+    EstimatorVariant, EvaluationDocument, LossStage, MapSummary, QueryResult, RegionsSummary, SchemeSummary,
+    SeedSummary, SentDocument, SentSummary, SparseMap,
 };
 pub use summary::summarize;
 pub use table::{STAGES, table};

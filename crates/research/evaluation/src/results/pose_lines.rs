@@ -5,7 +5,7 @@ use std::fmt;
 
 use veiloc_geometry::CameraFromWorld;
 
-use crate::results::PoseDocument;
+use veiloc_protocol::PoseDocument;
 
 /// `name qw qx qy qz tx ty tz`, world to camera: a line of hloc's result files, and, with [`base_name`], of files for
 /// visuallocalization.net. `None` for a name with white space, which a reader could not separate from the numbers.

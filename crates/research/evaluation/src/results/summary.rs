@@ -29,10 +29,10 @@ pub fn summarize(queries: &[&QueryResult], thresholds: &[Threshold]) -> SchemeSu
     bytes.sort_unstable();
     let wrong = |q: &QueryResult| !thresholds.iter().any(|t| q.pose_error().within(t));
     let trusted_wrong =
-        queries.iter().filter(|q| q.trusted == Some(true) && q.has_ground_truth && wrong(q)).count();
+        queries.iter().filter(|q| q.state == Some(State::Trusted) && q.has_ground_truth && wrong(q)).count();
     let has_trust = queries.iter().any(|q| q.state.is_some());
     let count = |state| has_trust.then(|| queries.iter().filter(|q| q.state == Some(state)).count());
-    let trusted = queries.iter().filter(|q| q.trusted == Some(true));
+    let trusted = queries.iter().filter(|q| q.state == Some(State::Trusted));
     let uncertainties: Vec<QueryUncertainty> = trusted.filter_map(|q| q.uncertainty).collect();
     let deviations: Vec<f64> =
         queries.iter().filter_map(|q| Some(q.uncertainty?.position_sd.unwrap_or(f64::INFINITY))).collect();
@@ -77,11 +77,11 @@ fn of_seed(seed: u64, queries: &[&QueryResult], thresholds: &[Threshold]) -> See
     let thresholds = if errors.is_empty() && !queries.is_empty() { &[] } else { thresholds };
     let rotations: Vec<f64> = errors.iter().map(|e| e.rotation_deg).collect();
     let translations: Vec<f64> = errors.iter().map(|e| e.translation).collect();
-    let has_trust = queries.iter().any(|q| q.state.is_some() || q.trusted.is_some());
+    let has_trust = queries.iter().any(|q| q.state.is_some());
     SeedSummary {
         seed,
         localized: queries.iter().filter(|q| q.is_localized()).count(),
-        trusted: has_trust.then(|| queries.iter().filter(|q| q.trusted == Some(true)).count()),
+        trusted: has_trust.then(|| queries.iter().filter(|q| q.state == Some(State::Trusted)).count()),
         median_rotation_deg: finite(median(&rotations)),
         median_translation: finite(median(&translations)),
         recall: thresholds.iter().map(|t| (t.to_string(), recall(&errors, t))).collect(),
@@ -103,7 +103,9 @@ fn median_ms(queries: &[&QueryResult]) -> BTreeMap<String, f64> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::results::document::{EstimatorVariant, PoseDocument, SentDocument};
+    use veiloc_protocol::PoseDocument;
+
+    use crate::results::document::{EstimatorVariant, SentDocument};
 
     pub(crate) fn query(seed: u64, error: Option<(f64, f64)>) -> QueryResult {
         QueryResult {
@@ -118,7 +120,6 @@ pub(crate) mod tests {
             },
             seed,
             cam_from_world: None,
-            trusted: error.map(|e| e.0 < 0.5),
             state: Some(match error {
                 Some((rotation, _)) if rotation < 0.5 => State::Trusted,
                 Some(_) => State::Doubtful,
@@ -163,7 +164,7 @@ pub(crate) mod tests {
         let answered = |trusted| QueryResult {
             has_ground_truth: false,
             cam_from_world: Some(PoseDocument { q: [1.0, 0.0, 0.0, 0.0], t: [0.0; 3] }),
-            trusted: Some(trusted),
+            state: Some(if trusted { State::Trusted } else { State::Doubtful }),
             ..query(0, None)
         };
         let queries = [query(0, Some((0.1, 0.01))), answered(true), answered(false)];

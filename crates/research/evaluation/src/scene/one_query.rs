@@ -125,7 +125,7 @@ fn localize_under(
                         localize_sent(served, &sent.bytes, query, *scheme, transmission, localize);
                     // A trusted pose of any step is a false positive, whatever the last one is.
                     if case.condition.negatives && was_trusted {
-                        (result.trusted, result.state) = (Some(true), Some(State::Trusted));
+                        result.state = Some(State::Trusted);
                     }
                     if let Some(truth) = query.truth.as_ref().filter(|_| is_lost(&result, evaluation)) {
                         result.lost_in = LossStage::of(

@@ -2,11 +2,12 @@
 
 use veiloc_evaluation::DrawnQuery;
 use veiloc_evaluation::results::metrics::median;
-use veiloc_evaluation::results::{PoseDocument, QueryResult, SchemeSummary};
+use veiloc_evaluation::results::{QueryResult, SchemeSummary};
 use veiloc_geometry::{CameraFromWorld, PlanePoint};
 use veiloc_localization::Localization;
 use veiloc_map::{MapFile, PointId};
 use veiloc_pose::State;
+use veiloc_protocol::PoseDocument;
 use veiloc_protocol::SealedQuery;
 
 use super::data::{

@@ -215,7 +215,7 @@ impl Inner {
             profile,
             images: manifest.images as usize,
             points: manifest.points as usize,
-            is_metric: manifest.metric,
+            coordinates: manifest.coordinates(),
         })
     }
 
@@ -251,7 +251,7 @@ impl Inner {
         for round in search_rounds(ranked, self.options.regions) {
             searched += round.len();
             answers.extend(join_all(round.into_iter().map(|region| self.pose(active, query, region))).await);
-            if answers.iter().any(|answer| matches!(answer, Ok(answer) if answer.trusted)) {
+            if answers.iter().any(|answer| matches!(answer, Ok(answer) if answer.trusted())) {
                 break;
             }
         }

@@ -29,7 +29,7 @@ pub(crate) fn best(results: Vec<Result<Answer, LocalizeFailure>>) -> Result<Answ
 
 /// Key by which answers are compared.
 const fn rank_key(answer: &Answer) -> (bool, f64) {
-    (answer.trusted, answer.log_evidence)
+    (answer.trusted(), answer.log_evidence)
 }
 
 /// Priority of a failure: how much it tells the client about what to do next.
@@ -50,19 +50,21 @@ const fn priority(why: LocalizeFailure) -> u8 {
 mod tests {
     use std::num::NonZeroU64;
 
-    use veiloc_protocol::AnswerTimes;
+    use veiloc_protocol::{AnswerDoubt, AnswerTimes, DoubtKind, GravityUse, MapCoordinates};
     use veiloc_service::NoPose;
 
     use super::*;
 
     fn answer(trusted: bool, log_evidence: f64) -> Answer {
+        let doubt = AnswerDoubt { kind: DoubtKind::WeakEvidence, text: String::new() };
         Answer {
             pose: None,
-            trusted,
-            doubts: Vec::new(),
+            doubts: if trusted { Vec::new() } else { vec![doubt] },
             log_evidence,
             margin: 1.0,
             fit: None,
+            gravity: GravityUse::NotProvided,
+            map: MapCoordinates::default(),
             inliers: 0,
             matches: 0,
             hypotheses: 0,
@@ -74,7 +76,7 @@ mod tests {
     fn trusted_poses_then_evidence_then_failures() {
         let none = Err(LocalizeFailure::NoPose(NoPose::TooFew));
         let best_of = |results: Vec<Result<Answer, LocalizeFailure>>| {
-            best(results).map(|a| (a.trusted, a.log_evidence))
+            best(results).map(|a| (a.trusted(), a.log_evidence))
         };
         assert_eq!(
             best_of(vec![Ok(answer(false, 90.0)), none.clone(), Ok(answer(true, 20.0))]),

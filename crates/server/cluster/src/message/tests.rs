@@ -1,7 +1,7 @@
 //! Valid, damaged and random frames.
 
 use proptest::prelude::*;
-use veiloc_protocol::{AnswerPose, AnswerTimes};
+use veiloc_protocol::{AnswerPose, AnswerTimes, GravityUse, MapCoordinates};
 
 use super::*;
 use crate::frame_version::VERSION;
@@ -23,15 +23,14 @@ fn answer() -> Answer {
         pose: Some(AnswerPose {
             rotation: [0.5, -0.5, 0.5, 0.5],
             translation: [0.1 + 0.2, -3.0, 1e-17],
-            center: [1.0, 2.0, 3.0],
             covariance: [[1e-9; 6]; 6],
-            center_covariance: [[2e-9; 3]; 3],
         }),
-        trusted: true,
         doubts: Vec::new(),
         log_evidence: 123.456_789_012_345,
         margin: f64::INFINITY,
         fit: None,
+        gravity: GravityUse::Used,
+        map: MapCoordinates { metres_per_unit: Some(1.0), down: None },
         inliers: 100,
         matches: 200,
         hypotheses: 300,

@@ -16,7 +16,7 @@ use veiloc_protocol::PositionHint;
 use veiloc_service::auth::Lane;
 use veiloc_service::telemetry::{RequestId, WorkerCounts};
 use veiloc_service::worker_api::{JobSpec, Pool, Rejected, with_request};
-use veiloc_service::{BodyKind, Clock, DecodedRequest, LocalizeFailure, LocalizeOutput};
+use veiloc_service::{BodyKind, Clock, DecodedRequest, LocalizeFailure};
 
 use super::holdings::{Content, Holdings};
 use crate::message::{
@@ -314,7 +314,7 @@ fn pose(
         options.position = Some(PositionPrior { center: Point3::new(x, y, z), sd: near.sd() });
     }
     match request.localize(map, &options, 0.0) {
-        Ok(LocalizeOutput { answer, .. }) => ReplyOutcome::Pose(Box::new(answer)),
+        Ok(answer) => ReplyOutcome::Pose(Box::new(answer)),
         Err(why) => ReplyOutcome::Failed(why),
     }
 }

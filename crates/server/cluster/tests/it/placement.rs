@@ -50,14 +50,14 @@ async fn workers_divide_the_regions_and_move_few_when_one_joins() {
     let workers = cluster.handles();
     let before: Vec<u64> = workers.iter().map(loads).collect();
     assert_eq!(announced.holders(&published.index()), 3);
-    assert!(cluster.ask(&published.query(&truth())).await.expect("a pose").trusted);
+    assert!(cluster.ask(&published.query(&truth())).await.expect("a pose").trusted());
 
     cluster.start_worker(&published, placed_worker("worker-4", 2)).await;
     let of_new = || loads(&cluster.handles()[3]) - 1;
     eventually("two copies of each", || have(2)).await;
     assert_eq!(workers.iter().map(loads).collect::<Vec<_>>(), before, "the others loaded nothing");
     assert!((1..regions.len() as u64).contains(&of_new()), "{} of {}", of_new(), regions.len());
-    assert!(cluster.ask(&published.query(&truth())).await.expect("a pose").trusted);
+    assert!(cluster.ask(&published.query(&truth())).await.expect("a pose").trusted());
 
     // One that leaves is expected back, because each of its regions has another copy.
     assert!(cluster.leave().await);
@@ -84,7 +84,7 @@ async fn regions_without_a_copy_move_at_once() {
     eventually("a copy of each", || regions.iter().all(|region| announced.holders(region) == 1)).await;
     assert!(cluster.leave().await);
     cluster.knows(1).await;
-    assert!(cluster.ask(&published.query(&truth())).await.expect("a pose").trusted);
+    assert!(cluster.ask(&published.query(&truth())).await.expect("a pose").trusted());
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -41,7 +41,7 @@ async fn worker_without_a_common_version_is_counted_and_not_asked() {
         cluster.add(&published, "all").await;
         cluster.knows(1).await;
         for query in published.queries(6) {
-            assert!(cluster.ask(&query).await.expect("a pose").trusted);
+            assert!(cluster.ask(&query).await.expect("a pose").trusted());
         }
         member.shutdown().await;
         received.try_recv().expect_err("it was asked");

@@ -90,7 +90,7 @@ async fn pose_equals_that_of_the_map_bit_for_bit() {
     let (whole, only) = (published.map(10), region(&folder, 0));
     for query in published.queries(6) {
         let answer = without_times(cluster.ask(&query).await.expect("a pose"));
-        assert!(answer.trusted);
+        assert!(answer.trusted());
         assert_eq!(answer, without_times(localize_locally(&only, &query).expect("a pose")));
         // A region stores rounded covariances of its points; the pose equals that of the whole map.
         let (answer, whole) = (
@@ -121,7 +121,7 @@ async fn trusted_pose_with_highest_evidence_wins() {
         let given =
             searched.map(|ranked| localize_locally(&region(&folder, ranked.region), &query).expect("a pose"));
         let expected =
-            given.filter(|answer| answer.trusted).max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence));
+            given.filter(|answer| answer.trusted()).max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence));
         assert_eq!(answer, without_times(expected.expect("trusted")));
     }
 }
@@ -140,7 +140,7 @@ async fn sessions_are_localized() {
     let bytes = veiloc_protocol::RigMessage { frames: vec![frame(truth())] }.encode();
     let decoded = || DecodedRequest::decode(BodyKind::Rig, &bytes).expect("a session");
     let options = veiloc_localization::LocalizeOptions::default();
-    let expected = decoded().localize(&region(&published.folder(), 0), &options, 0.0).expect("a pose").answer;
+    let expected = decoded().localize(&region(&published.folder(), 0), &options, 0.0).expect("a pose");
     let mut request = cluster.request(&published.query(&truth()), STEP_TIMEOUT);
     (request.decoded, request.bytes) = (decoded(), bytes.clone());
     assert_eq!(
@@ -192,14 +192,14 @@ async fn missing_object_delays_the_new_map_but_no_query() {
     let failing = || common::value(&worker.metrics(), "veiloc_reload_failing");
     eventually("the failure gauge", || failing() == 1).await;
     for query in published.queries(6) {
-        assert!(cluster.ask(&query).await.expect("a pose").trusted);
+        assert!(cluster.ask(&query).await.expect("a pose").trusted());
     }
     assert_eq!(cluster.gateway.manifest(), Some(old));
     let region = published.regions().join("objects").join(new.regions[0].sha256.to_string());
     std::fs::rename(&moved, region).expect("back");
     eventually("the new manifest", || cluster.gateway.manifest() == Some(new.id())).await;
     eventually("the failure gauge", || failing() == 0).await;
-    assert!(cluster.ask(&published.query(&truth())).await.expect("a pose").trusted);
+    assert!(cluster.ask(&published.query(&truth())).await.expect("a pose").trusted());
 }
 
 /// A worker that starts serves what it can when an object is damaged, and the rest as soon as it is mended.
@@ -233,7 +233,7 @@ async fn damaged_object_at_start_costs_only_its_region() {
     std::fs::write(&path, &good).expect("mended");
     cluster.knows(1).await;
     eventually("the metrics", || is("veiloc_objects_missing", 0) && is("veiloc_reload_failing", 0)).await;
-    assert!(cluster.ask(&published.query(&truth())).await.expect("a pose").trusted);
+    assert!(cluster.ask(&published.query(&truth())).await.expect("a pose").trusted());
 }
 
 /// If storage is unreachable, a machine starts with the map in its cache, and fails only if it has none.
@@ -385,7 +385,7 @@ async fn invalid_replies_are_retried_and_never_used() {
         .await;
         cluster.knows(3).await;
         for _ in 0..4 {
-            assert!(cluster.ask(&query).await.expect(what).trusted, "{what}");
+            assert!(cluster.ask(&query).await.expect(what).trusted(), "{what}");
         }
         assert!(cluster.leave().await, "{what}");
         let without_worker = cluster.ask(&query).await;
@@ -418,7 +418,7 @@ async fn rejected_requests_are_retried_and_the_reason_reported() {
         .await;
         cluster.knows(3).await;
         for _ in 0..4 {
-            assert!(cluster.ask(&query).await.expect("a pose").trusted);
+            assert!(cluster.ask(&query).await.expect("a pose").trusted());
         }
         assert!(cluster.leave().await);
         assert_eq!(cluster.ask(&query).await.expect_err("no other worker"), expected);
@@ -442,7 +442,7 @@ async fn joining_and_leaving_workers_lose_no_query() {
                     if stop.load(Ordering::Relaxed) {
                         return;
                     }
-                    assert!(cluster.ask(query).await.expect("a pose").trusted);
+                    assert!(cluster.ask(query).await.expect("a pose").trusted());
                     answered.fetch_add(1, Ordering::Relaxed);
                 }
             })
@@ -486,7 +486,7 @@ async fn new_manifest_is_activated_without_a_lost_query() {
                         break;
                     }
                     let request = cluster.request(query, DAY);
-                    assert!(cluster.gateway.localize(request).await.expect("a pose").trusted);
+                    assert!(cluster.gateway.localize(request).await.expect("a pose").trusted());
                     answered += 1;
                 }
                 answered
@@ -520,7 +520,7 @@ async fn manifest_is_activated_when_all_regions_are_reachable() {
     assert!(matches!(cluster.ask(&query).await, Err(LocalizeFailure::Unreached { .. })));
     cluster.add(&published, "2/2").await;
     eventually("all regions", || cluster.gateway.describe().is_some()).await;
-    assert!(cluster.ask(&query).await.expect("a pose").trusted);
+    assert!(cluster.ask(&query).await.expect("a pose").trusted());
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -595,7 +595,7 @@ async fn gateway_is_ready_while_every_region_has_a_worker() {
     cluster.add(&published, "all").await;
     cluster.knows(3).await;
     eventually("the metrics", || cluster.metric(&complete) == 1).await;
-    assert!(cluster.ask(&published.query(&truth())).await.expect("a pose").trusted);
+    assert!(cluster.ask(&published.query(&truth())).await.expect("a pose").trusted());
 }
 
 /// A gateway's `/readyz` follows its workers.

@@ -9,11 +9,11 @@ use rand_chacha::ChaCha20Rng;
 use veiloc_features::Features;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Rotation3, Unit, Vector3};
-use veiloc_localization::{GravityUse, Localization, LocalizeOptions, localize};
+use veiloc_localization::{Localization, LocalizeOptions, localize};
 use veiloc_map::{GravityDirection, MapFile, MapModel};
 use veiloc_obfuscation::seal;
 use veiloc_pose::State;
-use veiloc_protocol::{CoarseGravity, SealedQuery};
+use veiloc_protocol::{CoarseGravity, GravityUse, SealedQuery};
 use veiloc_testing::pose_in_scene;
 
 const SCHEMES: [&str; 3] = ["points", "random-lines", "dcl"];

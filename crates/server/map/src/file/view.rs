@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 use veiloc_descriptor::{DescriptorView, GlobalDescriptor, GlobalIndex};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
-use veiloc_protocol::Profile;
+use veiloc_protocol::{MapCoordinates, Profile};
 use veiloc_simd::MappedFile;
 use zerocopy::{FromBytes, Immutable, KnownLayout};
 
@@ -109,6 +109,14 @@ impl MapFile {
     /// Whether map units are metres; false if not known.
     pub const fn is_metric(&self) -> bool {
         self.is_metric
+    }
+
+    /// What its coordinates mean: unit and direction of gravity.
+    pub fn coordinates(&self) -> MapCoordinates {
+        MapCoordinates {
+            metres_per_unit: self.is_metric.then_some(1.0),
+            down: self.down.map(|down| down.in_world()),
+        }
     }
 
     /// Data about the whole map, if this is a compressed map.

@@ -84,7 +84,7 @@ impl<'a> FolderWriter<'a> {
         let index = self.object(&RegionIndex::encode(self.map, regions))?;
         let (images, points) = (self.map.image_count() as u64, self.map.point_count() as u64);
         let manifest =
-            Manifest::new(self.name, images, points, self.map.is_metric(), profile, index, entries)
+            Manifest::new(self.name, images, points, self.map.coordinates(), profile, index, entries)
                 .map_err(|source| manifest_error(&path, source))?;
         let bytes = manifest.encode();
         replace_file(&self.lock, Permissions::Preserve, |out| out.write_all(&bytes))

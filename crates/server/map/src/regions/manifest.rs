@@ -2,13 +2,13 @@
 
 use std::collections::BTreeSet;
 
-use crate::is_map_name;
 use serde::{Deserialize, Serialize};
 use veiloc_geometry::Point3;
 use veiloc_geometry::frames::World;
+use veiloc_protocol::MapCoordinates;
 
-use crate::ManifestError;
 use crate::regions::object::{ObjectId, ObjectRef};
+use crate::{ManifestError, is_map_name};
 
 /// The version of the manifest that this program writes and reads.
 pub const MANIFEST_VERSION: u32 = 1;
@@ -35,9 +35,12 @@ pub struct Manifest {
     pub images: u64,
     /// Number of points of the whole map.
     pub points: u64,
-    /// Whether map units are metres; not written if that is not known.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub metric: bool,
+    /// Metres of a unit of the map, 1; not written if that is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub metres_per_unit: Option<f64>,
+    /// Direction of gravity in the map, a unit vector; not written if that is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub down: Option<[f64; 3]>,
     /// The profile with which devices seal queries, the same for the whole map and every region. The first half of
     /// its SHA-256 is its id.
     pub profile: ObjectRef,
@@ -89,7 +92,7 @@ impl Manifest {
         map: &str,
         images: u64,
         points: u64,
-        metric: bool,
+        coordinates: MapCoordinates,
         profile: ObjectRef,
         index: ObjectRef,
         regions: Vec<RegionEntry>,
@@ -99,7 +102,8 @@ impl Manifest {
             map: map.to_owned(),
             images,
             points,
-            metric,
+            metres_per_unit: coordinates.metres_per_unit,
+            down: coordinates.down,
             profile,
             index,
             regions,
@@ -157,6 +161,11 @@ impl Manifest {
         ObjectId::of(&self.encode())
     }
 
+    /// What the coordinates of the map mean.
+    pub const fn coordinates(&self) -> MapCoordinates {
+        MapCoordinates { metres_per_unit: self.metres_per_unit, down: self.down }
+    }
+
     /// All objects: profile and index first, then the regions in order.
     pub fn objects(&self) -> impl Iterator<Item = ObjectRef> {
         [self.profile, self.index].into_iter().chain(self.regions.iter().map(RegionEntry::object))
@@ -170,6 +179,13 @@ impl Manifest {
     fn check(&self) -> Result<(), String> {
         if !is_map_name(&self.map) {
             return Err(format!("{:?} is not a valid map name", self.map));
+        }
+        if self.metres_per_unit.is_some_and(|metres| !(metres.is_finite() && metres > 0.0)) {
+            return Err("metres_per_unit is not above 0".to_owned());
+        }
+        let is_unit = |v: [f64; 3]| (v.iter().map(|c| c * c).sum::<f64>() - 1.0).abs() < 1e-6;
+        if self.down.is_some_and(|down| !is_unit(down)) {
+            return Err("down is no unit vector".to_owned());
         }
         if self.regions.is_empty() || self.regions.len() > u32::MAX as usize {
             return Err(format!("{} regions", self.regions.len()));
@@ -233,7 +249,7 @@ mod tests {
             "kitchen-2",
             30,
             70,
-            false,
+            MapCoordinates::default(),
             object(b"profile"),
             object(b"index"),
             vec![region(b"one", 25, 20), region(b"two", 15, 10)],
@@ -251,11 +267,11 @@ mod tests {
         assert!(matches!(other, Err(ManifestError::OtherId { found, .. }) if found == manifest.id()));
         let compact = serde_json::to_vec(&manifest).unwrap();
         assert!(matches!(Manifest::decode(&compact), Err(ManifestError::SecondForm)));
-        let mut metric = manifest.clone();
-        metric.metric = true;
-        assert_eq!(Manifest::decode(&metric.encode()).unwrap(), metric);
+        let mut known = manifest.clone();
+        (known.metres_per_unit, known.down) = (Some(1.0), Some([0.0, -1.0, 0.0]));
+        assert_eq!(Manifest::decode(&known.encode()).unwrap(), known);
         let said =
-            String::from_utf8(bytes).unwrap().replacen("\"profile\"", "\"metric\": false,\n  \"profile\"", 1);
+            String::from_utf8(bytes).unwrap().replacen("\"profile\"", "\"down\": null,\n  \"profile\"", 1);
         assert!(matches!(Manifest::decode(said.as_bytes()), Err(ManifestError::SecondForm)));
         assert_eq!(manifest.byte_count(), 2000 + b"profile".len() as u64 + b"index".len() as u64);
     }
@@ -283,6 +299,8 @@ mod tests {
             }
         };
         assert!(refused(&|m| m.map = "../x".to_owned()).contains("not a valid map name"));
+        assert!(refused(&|m| m.metres_per_unit = Some(-1.0)).contains("metres_per_unit"));
+        assert!(refused(&|m| m.down = Some([0.0, 2.0, 0.0])).contains("down"));
         assert!(refused(&|m| m.regions.clear()).contains("0 regions"));
         assert!(refused(&|m| m.images = 31).contains("30 images in their cores"));
         assert!(refused(&|m| m.regions[0].core_images = 26).contains("region 0"));

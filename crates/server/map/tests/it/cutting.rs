@@ -10,7 +10,8 @@ use veiloc_map::regions::{
     FolderWriter, MANIFEST_FILE, Manifest, OBJECTS_FOLDER, ObjectId, RegionFolder, SplitOptions, cut,
     verify_file,
 };
-use veiloc_map::{ManifestError, MapError, MapFile, MapMemory, MapModel, Region};
+use veiloc_map::{GravityDirection, ManifestError, MapError, MapFile, MapMemory, MapModel, Region};
+use veiloc_protocol::MapCoordinates;
 use veiloc_testing::rooms;
 
 fn file(model: &MapModel) -> MapFile {
@@ -124,9 +125,12 @@ fn folder_has_exactly_the_named_objects() {
     for object in first.objects() {
         verify_file(&open.path_of(&object.sha256), &object).expect("its content");
     }
-    let metric = file(&MapModel { is_metric: true, ..rooms(2, 15) });
+    let down = GravityDirection::new([0.0, -1.0, 0.0]).ok();
+    let metric = file(&MapModel { is_metric: true, down, ..rooms(2, 15) });
     let other = tempfile::tempdir().expect("a folder");
-    assert!(!first.metric && write(&metric, "rooms", &options(10, 0.3), other.path()).metric);
+    assert_eq!(first.coordinates(), MapCoordinates::default());
+    let of_metric = write(&metric, "rooms", &options(10, 0.3), other.path()).coordinates();
+    assert_eq!(of_metric, MapCoordinates { metres_per_unit: Some(1.0), down: Some([0.0, -1.0, 0.0]) });
     // Cut again with other options: only shared objects remain, and foreign files stay.
     fs::write(folder.path().join(OBJECTS_FOLDER).join("notes"), "mine").expect("a file");
     let second = write(&map, "rooms", &options(12, 0.0), folder.path());

@@ -15,7 +15,7 @@ use serde::Serialize;
 use tokio::runtime::Handle;
 use tokio::sync::oneshot;
 use veiloc_geometry::Point3;
-use veiloc_localization::{LocalizeOptions, StageTimes};
+use veiloc_localization::LocalizeOptions;
 use veiloc_pose::{PositionPrior, Stop};
 use veiloc_protocol::{Answer, AnswerDocument, AnswerState, AnswerTimes};
 
@@ -24,7 +24,7 @@ use super::authorize::{authenticate, resolve_map};
 use super::body;
 use super::request_options::RequestOptions;
 use crate::auth::TokenKey;
-use crate::decoded_request::{BodyKind, DecodedRequest, LocalizeFailure, LocalizeOutput};
+use crate::decoded_request::{BodyKind, DecodedRequest, LocalizeFailure};
 use crate::maps::{Backend, LoadedMap};
 use crate::padding::{self, PadLength};
 use crate::panics;
@@ -190,7 +190,7 @@ async fn answer(
     let answer = localize_read(app, context, &caller, &loaded, read, request_options).await?;
     let body = match format {
         AnswerFormat::Protobuf => answer.encode(),
-        AnswerFormat::Json => json(&AnswerDocument::new(&loaded.name, &answer))?,
+        AnswerFormat::Json => json(&AnswerDocument::new(&answer))?,
     };
     let mut response = ([(CONTENT_TYPE, format.content_type())], body).into_response();
     response.extensions_mut().insert(PadLength);
@@ -216,7 +216,7 @@ pub(super) async fn localize_read(
     let result = compute(app, context, caller, loaded.clone(), read, request_options).await?;
     hold(app, context, received, begun).await;
     let result = result.unwrap_or(Err(LocalizeFailure::TimedOut));
-    let LocalizeOutput { answer, times } = result.map_err(|why| {
+    let answer = result.map_err(|why| {
         if matches!(why, LocalizeFailure::NoPose(_)) {
             app.metrics.localization(&loaded.name, LocalizationOutcome::NotLocalized);
         }
@@ -227,7 +227,7 @@ pub(super) async fn localize_read(
         AnswerState::Doubtful => LocalizationOutcome::Doubtful,
     };
     app.metrics.localization(&loaded.name, outcome);
-    for (stage, ms) in stage_durations(&times) {
+    for (stage, ms) in stage_durations(&answer.times) {
         app.metrics.stage(stage, ms);
     }
 
@@ -262,13 +262,13 @@ pub(super) fn json(document: &impl Serialize) -> Result<Vec<u8>, Problem> {
 }
 
 /// The stages of a localization, in order.
-fn stage_durations(times: &StageTimes) -> [(&'static str, Duration); 3] {
+fn stage_durations(times: &AnswerTimes) -> [(&'static str, Duration); 3] {
     [("retrieve", times.retrieve_ms), ("match", times.match_ms), ("pose", times.pose_ms)]
         .map(|(name, ms)| (name, Duration::from_secs_f64(ms.max(0.0) / 1e3)))
 }
 
 struct JobResult {
-    result: Result<LocalizeOutput, LocalizeFailure>,
+    result: Result<Answer, LocalizeFailure>,
     waited: Duration,
     took: Duration,
 }
@@ -325,7 +325,7 @@ struct Job {
 
 impl Job {
     /// Localizes the query locally or remotely; `queue_ms`: time in the queue, milliseconds.
-    fn work(self, queue_ms: f64) -> Result<LocalizeOutput, LocalizeFailure> {
+    fn work(self, queue_ms: f64) -> Result<Answer, LocalizeFailure> {
         let ReadBody { request, bytes } = self.read;
         let backend = match &self.loaded.backend {
             Backend::Local(map) => return request.localize(map, &self.options, queue_ms),
@@ -341,9 +341,8 @@ impl Job {
                 _ = self.cancelled => Err(LocalizeFailure::Stopped),
             }
         })?;
-        let AnswerTimes { retrieve_ms, match_ms, pose_ms, .. } = answer.times;
         answer.times.queue_ms += queue_ms;
-        Ok(LocalizeOutput { answer, times: StageTimes { retrieve_ms, match_ms, pose_ms } })
+        Ok(answer)
     }
 }
 
@@ -358,7 +357,7 @@ async fn compute(
     loaded: Arc<LoadedMap>,
     read: ReadBody,
     request_options: RequestOptions,
-) -> Result<Option<Result<LocalizeOutput, LocalizeFailure>>, Problem> {
+) -> Result<Option<Result<Answer, LocalizeFailure>>, Problem> {
     let mut options = app.options.localize.clone();
     if let Some(near) = request_options.near {
         let [x, y, z] = near.center();

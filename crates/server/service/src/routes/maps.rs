@@ -10,6 +10,7 @@ use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
+use veiloc_protocol::MapCoordinates;
 
 use super::authorize::{authenticate, authorize_map};
 use super::versions::version;
@@ -38,6 +39,8 @@ struct MapEntry {
     profile_id: String,
     /// Metres of a unit of the map, 1; `null` when the unit is not known.
     metres_per_unit: Option<f64>,
+    /// Direction of gravity in the map, a unit vector; `null` when the map does not know it.
+    down: Option<[f64; 3]>,
 }
 
 /// The maps that the token may use.
@@ -53,12 +56,16 @@ pub(super) async fn list(
     let caller = authenticate(&app, &connection, &context, &headers)?;
     let slots = app.maps.slots();
     let own = slots.iter().filter(|slot| caller.allows_map(slot.name()));
-    let maps = own.filter_map(|slot| slot.current()).map(|loaded| MapEntry {
-        name: loaded.name.clone(),
-        images: loaded.images,
-        points: loaded.points,
-        profile_id: loaded.profile_id.clone(),
-        metres_per_unit: loaded.is_metric().then_some(1.0),
+    let maps = own.filter_map(|slot| slot.current()).map(|loaded| {
+        let MapCoordinates { metres_per_unit, down } = loaded.coordinates();
+        MapEntry {
+            name: loaded.name.clone(),
+            images: loaded.images,
+            points: loaded.points,
+            profile_id: loaded.profile_id.clone(),
+            metres_per_unit,
+            down,
+        }
     });
     let body = serde_json::to_vec(&MapList { maps: maps.collect() }).map_err(|_| Problem::Broken)?;
     Ok(([(CONTENT_TYPE, "application/json")], body).into_response())

@@ -6,7 +6,7 @@ use common::http::Request;
 use common::{Files, OPERATOR, PHONE, Running, eventually, truth};
 use veiloc_geometry::{CameraFromRig, CameraFromWorld};
 use veiloc_localization::{LocalizeOptions, localize};
-use veiloc_map::{MapFile, MapModel};
+use veiloc_map::{GravityDirection, MapFile, MapModel};
 use veiloc_protocol::{Answer, AnswerDocument, Profile, RigMessage, SealedFrame, SealedQuery};
 
 #[test]
@@ -30,10 +30,11 @@ fn answer_equals_library_result() {
     assert_eq!(response.rotation, expected.cam_from_world.quaternion());
     assert_eq!(response.covariance, expected.covariance);
     assert_eq!((answer.inliers as usize, answer.matches as usize), (expected.inliers, expected.matches));
-    assert_eq!((answer.trusted, answer.doubts.len()), (true, 0));
+    assert_eq!((answer.trusted(), answer.doubts.len()), (true, 0));
     let center = pose.center().coords;
-    assert!((0..3).all(|i| (center[i] - response.center[i]).abs() < 1e-9));
+    assert!((0..3).all(|i| (center[i] - response.center()[i]).abs() < 1e-9));
 
+    let center_covariance = response.center_covariance();
     // The covariance of the centre, propagated from that of the pose by finite differences.
     let jacobian: Vec<[f64; 3]> = (0..6)
         .map(|i| {
@@ -48,8 +49,8 @@ fn answer_equals_library_result() {
             let expected: f64 = (0..36)
                 .map(|ij| jacobian[ij / 6][a] * response.covariance[ij / 6][ij % 6] * jacobian[ij % 6][b])
                 .sum();
-            let got = response.center_covariance[a][b];
-            let scale = response.center_covariance[a][a].max(response.center_covariance[b][b]);
+            let got = center_covariance[a][b];
+            let scale = center_covariance[a][a].max(center_covariance[b][b]);
             assert!((got - expected).abs() < 1e-3 * scale, "[{a}][{b}] {got} {expected}");
         }
     }
@@ -66,7 +67,7 @@ fn answer_equals_library_result() {
     let mut response = response.json();
     assert_eq!(response["state"], "trusted");
     // Parsed like the other document: the JSON parser of the tests does not keep the last digit of every number.
-    let same = serde_json::to_string(&AnswerDocument::new("place", &answer)).expect("JSON");
+    let same = serde_json::to_string(&AnswerDocument::new(&answer)).expect("JSON");
     let mut same: serde_json::Value = serde_json::from_str(&same).expect("JSON");
     for document in [&mut response, &mut same] {
         let times = document["ms"].take();
@@ -90,7 +91,7 @@ fn doubtful_poses_are_withheld_on_request() {
         let response = ask(&doubtful, "application/json", only);
         assert_eq!(response.status, 200);
         let response = response.json();
-        assert_eq!((&response["state"], &response["trusted"]), (&"doubtful".into(), &false.into()));
+        assert_eq!(response["state"], "doubtful");
         assert!(response["doubts"].as_array().is_some_and(|doubts| !doubts.is_empty()), "{response}");
         for field in ["cam_from_world", "center", "covariance", "center_covariance", "position_sd"] {
             assert_eq!(response.get(field).is_some(), has_pose, "{field}: {response}");
@@ -98,7 +99,7 @@ fn doubtful_poses_are_withheld_on_request() {
         let response = ask(&doubtful, "application/x-protobuf", only);
         let response = Answer::decode(&response.body).expect("an answer");
         assert_eq!(
-            (response.pose.is_some(), response.trusted, response.doubts.is_empty()),
+            (response.pose.is_some(), response.trusted(), response.doubts.is_empty()),
             (has_pose, false, false)
         );
         // Trusted poses are sent in both cases.
@@ -173,20 +174,35 @@ fn profile_etag_allows_revalidation() {
     assert_eq!(list["maps"][0]["profile_id"], profile.id().to_string());
 }
 
-/// An app sees the unit of a map before it asks for a pose: the metre, or none that is known.
+/// An app sees the unit of a map before it asks for a pose, and with each: the metre, or none that is known.
 #[test]
-fn list_of_maps_states_their_units() {
+fn maps_and_answers_state_unit_and_down() {
     let files = Files::new();
     let mut options = files.open_options();
     let mut metric = options.maps[0].clone();
     (metric.name, metric.path) = ("metric".to_owned(), metric.path.with_file_name("metric.vmap"));
-    let model = MapModel { is_metric: true, ..files.scene.map(6) };
+    let down = GravityDirection::new([0.0, 1.0, 0.0]).ok();
+    let model = MapModel { is_metric: true, down, ..files.scene.map(6) };
     veiloc_map::write(&model, &metric.path).expect("written");
     options.maps.push(metric);
-    let list = Running::start(options).get("/v1/maps", PHONE).json();
-    let unit = |at: usize| (&list["maps"][at]["name"], &list["maps"][at]["metres_per_unit"]);
-    assert_eq!(unit(0), (&"place".into(), &serde_json::Value::Null));
-    assert_eq!(unit(1), (&"metric".into(), &1.0.into()));
+    let server = Running::start(options);
+    let list = server.get("/v1/maps", PHONE).json();
+    let query = files.scene.sealed(&truth());
+    for (at, (name, unit, down)) in [
+        ("place", serde_json::Value::Null, serde_json::Value::Null),
+        ("metric", 1.0.into(), serde_json::json!([0.0, 1.0, 0.0])),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let entry = &list["maps"][at];
+        assert_eq!((&entry["name"], &entry["metres_per_unit"], &entry["down"]), (&name.into(), &unit, &down));
+        // Its answers say the same.
+        let request = Request::post(&format!("/v1/maps/{name}/localize"), &query);
+        let answer = request.header("content-type", "application/x-protobuf").send(server.address).json();
+        assert_eq!((&answer["metres_per_unit"], &answer["down"]), (&unit, &down), "{answer}");
+        assert_eq!(answer["sd_includes"], "map");
+    }
 }
 
 #[test]
@@ -198,11 +214,12 @@ fn map_is_served_under_several_names() {
     options.maps.push(second);
     let server = Running::start(options);
     let query = files.scene.sealed(&truth());
+    let center = server.localize(&query, "").json()["center"].clone();
     for name in ["place", "second"] {
         let request = Request::post(&format!("/v1/maps/{name}/localize"), &query)
             .header("content-type", "application/octet-stream; x=y");
         let response = request.send(server.address);
-        assert_eq!((response.status, &response.json()["map"]), (200, &name.into()));
+        assert_eq!((response.status, &response.json()["center"]), (200, &center));
     }
 }
 
@@ -291,8 +308,11 @@ fn openapi_document_matches_the_service() {
     let schemas = &document["components"]["schemas"];
     let answer = server.localize(&files.scene.sealed(&truth()), PHONE).json();
     let described = schemas["AnswerDocument"]["properties"].as_object().expect("fields");
-    let response = answer.as_object().expect("fields");
-    assert!(described.keys().eq(response.keys()), "{described:?} {response:?}");
+    let mut response: Vec<&str> = answer.as_object().expect("fields").keys().map(String::as_str).collect();
+    // The query has no gravity.
+    response.push("gravity");
+    response.sort_unstable();
+    assert!(described.keys().eq(&response), "{described:?} {response:?}");
     let headers = &document["paths"]["/v1/maps/{name}/localize"]["post"]["parameters"];
     let names: Vec<&str> =
         headers.as_array().expect("a list").iter().filter_map(|p| p["name"].as_str()).collect();

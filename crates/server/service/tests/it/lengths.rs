@@ -86,11 +86,11 @@ fn kind_of(bytes: &[u8]) -> String {
     }
     let (trusted, has_pose) = if head.contains("protobuf") {
         let answer = Answer::decode(body).expect("an answer");
-        (answer.trusted, answer.pose.is_some())
+        (answer.trusted(), answer.pose.is_some())
     } else {
         let document = serde_json::from_slice::<serde_json::Value>(body).expect("JSON");
         let pose = ["center", "position"].iter().any(|field| document.get(field).is_some());
-        (document["trusted"] == true, pose)
+        (document["state"] == "trusted" || document.get("geopose").is_some(), pose)
     };
     match (trusted, has_pose) {
         (true, true) => "trusted",
@@ -217,7 +217,7 @@ fn records(address: SocketAddr, request: Request) -> (Vec<usize>, String) {
     seen.lock().expect("not poisoned").clear();
     let response = ask(request);
     let kind = match response.status {
-        200 => response.json()["trusted"].to_string(),
+        200 => response.json()["state"].to_string(),
         _ => response.problem(),
     };
     let bytes = seen.lock().expect("not poisoned").clone();

@@ -79,7 +79,7 @@ fn out_of_map_image_is_not_localized() {
     negative.profile = files.scene.profile.clone();
     let response = server.localize(&negative.sealed(&truth()), "");
     if response.status == 200 {
-        assert_eq!(response.json()["trusted"], false, "{}", response.text());
+        assert_eq!(response.json()["state"], "doubtful", "{}", response.text());
         assert!(!response.json()["doubts"].as_array().expect("a list").is_empty());
     } else {
         assert_eq!((response.status, response.problem().as_str()), (422, "not-localized"));

@@ -55,7 +55,10 @@ fn session_answer_equals_library_result() {
     assert_eq!(response_pose.covariance, expected.covariance);
     assert_eq!(answer.inliers as usize, expected.frames.iter().map(|f| f.inliers).sum::<usize>());
     let fit = answer.fit.expect("noise and focal length");
-    assert!(answer.trusted && fit.focal_scale == 1.0 && fit.noise_px > 0.0 && fit.noise_px < 3.0, "{fit:?}");
+    assert!(
+        answer.trusted() && fit.focal_scale == 1.0 && fit.noise_px > 0.0 && fit.noise_px < 3.0,
+        "{fit:?}"
+    );
     let response = ask(&server, &bytes, "application/json");
     assert_eq!((response.status, response.body.len()), (200, Answer::PADDED_BYTES));
     assert_eq!(response.json()["state"], "trusted");

@@ -44,7 +44,7 @@ fn service_over_tls() {
     let query = files.scene.sealed(&truth());
     let request = Request::localize(&query).token(PHONE);
     let response = send(server.address, &request, true).expect("an answer");
-    assert_eq!((response.status, &response.json()["trusted"]), (200, &true.into()));
+    assert_eq!((response.status, &response.json()["state"]), (200, &"trusted".into()));
     send(server.address, &request, false).expect_err("a certificate without a trusted issuer");
 
     // Plain HTTP on the same port gets no response.

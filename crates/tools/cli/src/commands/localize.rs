@@ -9,15 +9,12 @@ pub(crate) mod rig;
 use std::path::{Path, PathBuf};
 
 use veiloc_geometry::Point3;
-use veiloc_localization::{LocalizeError, LocalizeOptions, localize};
+use veiloc_localization::{LocalizeOptions, localize};
 use veiloc_map::MapFile;
-use veiloc_pose::{PositionPrior, State};
-use veiloc_protocol::{PositionHint, SealedQuery};
+use veiloc_pose::PositionPrior;
+use veiloc_protocol::{Answer, GravityUse, PoseDocument, PositionHint, SealedQuery};
 
-use self::document::{
-    ErrorDocument, LocalizeDocument, LocalizeStatus, NoPoseKind, QueryDocument, UNUSED_GRAVITY, failed_query,
-    localized_query, not_localized, table, withheld,
-};
+use self::document::{ErrorDocument, LocalizeDocument, LocalizedQuery, StateCounts, table};
 use self::from_images::ImageArgs;
 use self::pose_files::{PoseFileArgs, QueryPose};
 use crate::args::need::Need;
@@ -65,8 +62,7 @@ pub(crate) struct Args {
     /// without `cm` or `m` is in map units. Default: any ±; it is part of every answer.
     #[arg(long, value_name = "25cm,2deg")]
     need: Option<Need>,
-    /// Output trusted poses only: a doubtful pose is withheld and counts as not found; its reasons for doubt are still
-    /// reported.
+    /// Output trusted poses only: a doubtful pose is withheld; its reasons for doubt are still reported.
     #[arg(long)]
     trusted_only: bool,
     #[command(flatten)]
@@ -116,11 +112,11 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
             None => (item.path.display().to_string(), read_sealed(item), None),
         };
         drawable.push(sealed.as_ref().ok().filter(|_| args.report.is_requested()).cloned());
-        let query = answer(file, sealed, &map, &options, args.trusted_only);
-        if let Some(ErrorDocument::Failed(fault)) = &query.error {
-            tally.failed(&query.file, fault);
+        let result = answer(sealed, &map, &options, args.trusted_only);
+        if let Err(ErrorDocument::Failed(fault)) = &result {
+            tally.failed(&file, fault);
         }
-        queries.push(query);
+        queries.push(LocalizedQuery { file, result });
         cameras.push(camera);
         if let Some(stage) = &stage {
             stage.advance(1);
@@ -129,74 +125,53 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     if let Some(stage) = &stage {
         stage.finish();
     }
-    let count = |status| queries.iter().filter(|q| q.status == status).count();
-    let document = LocalizeDocument {
-        version: 2,
-        map: args.map.display().to_string(),
-        is_metric: map.is_metric(),
-        localized: count(LocalizeStatus::Localized),
-        not_localized: count(LocalizeStatus::NotLocalized),
-        failed: count(LocalizeStatus::Failed),
-        queries,
-    };
+    let name = args.map.display().to_string();
     if args.json {
-        ui.json(&document)?;
+        ui.json(&LocalizeDocument::new(name.clone(), &queries))?;
     } else {
-        ui.print(table(&document));
+        ui.print(table(&queries));
     }
-    let poses = items.iter().zip(&document.queries).zip(&cameras).map(|((item, query), camera)| QueryPose {
+    let poses = items.iter().zip(&queries).zip(&cameras).map(|((item, query), camera)| QueryPose {
         name: pose_files::name_of(item, sealing.is_some()),
-        pose: query.cam_from_world,
+        pose: query.answer().and_then(|answer| Some(PoseDocument::of(&answer.pose?.cam_from_world()?))),
         camera: *camera,
     });
     args.written.write(&poses.collect::<Vec<_>>(), ui)?;
-    args.report.write(&document, &drawable, &map, &options, ui)?;
-    let unused = document.queries.iter().filter(|q| q.gravity == Some(UNUSED_GRAVITY)).count();
+    args.report.write(&name, &queries, &drawable, &map, &options, ui)?;
+    let is_unused = |answer: &&Answer| answer.gravity == GravityUse::UnknownInMap;
+    let unused = queries.iter().filter_map(LocalizedQuery::answer).filter(is_unused).count();
     if unused > 0 {
         ui.info(format!(
             "{unused} of {} have a direction of gravity, and the map has none: gravity was not used; \
              build the map with --down",
-            document.queries.len()
+            queries.len()
         ));
     }
-    let with = |test: fn(&QueryDocument) -> bool| document.queries.iter().filter(|q| test(q)).count();
-    let doubtful = with(QueryDocument::is_doubtful);
+    let counts = StateCounts::of(&queries);
+    let doubtful = counts.doubtful - counts.withheld;
     let remark = |n: usize, what: &str| if n == 0 { String::new() } else { format!(", {n} {what}") };
-    let remark = remark(doubtful, "doubtful") + &remark(document.not_localized, "not localized");
-    let ended = tally.end(document.localized, &remark, args.skip, ui)?;
+    let remark = remark(doubtful, "doubtful")
+        + &remark(counts.withheld, "withheld")
+        + &remark(counts.not_found, "not localized");
+    let ended = tally.end(counts.with_pose(), &remark, args.skip, ui)?;
+    let is_refused = queries.iter().any(LocalizedQuery::is_refused);
     Ok(match ended {
-        Exit::Success if with(QueryDocument::is_refused) > 0 && !args.skip.ignores_failures() => {
-            Exit::Refused
-        }
+        Exit::Success if is_refused && !args.skip.ignores_failures() => Exit::Refused,
         Exit::Success if doubtful > 0 => Exit::Doubtful,
         other => other,
     })
 }
 
-/// Returns the result of the query named `file`, from the sealed query or the error instead of it.
+/// Returns the answer to a sealed query, or the reason why there is none.
 fn answer(
-    file: String,
     sealed: Result<SealedQuery, InputError>,
     map: &MapFile,
     options: &LocalizeOptions,
     trusted_only: bool,
-) -> QueryDocument {
-    let found = sealed.map_err(ErrorDocument::Failed).and_then(|query| {
-        localize(&query, map, options).map_err(|error| match error {
-            LocalizeError::WrongProfile { .. } | LocalizeError::Frame { .. } => {
-                not_localized(NoPoseKind::WrongProfile, &error)
-            }
-            LocalizeError::EmptyMap => not_localized(NoPoseKind::EmptyMap, &error),
-            LocalizeError::NoPose { .. } | LocalizeError::Stopped => {
-                not_localized(NoPoseKind::NoPose, &error)
-            }
-        })
-    });
-    match found {
-        Ok(found) if trusted_only && found.state != State::Trusted => withheld(localized_query(file, &found)),
-        Ok(found) => localized_query(file, &found),
-        Err(error) => failed_query(file, error),
-    }
+) -> Result<Answer, ErrorDocument> {
+    let query = sealed.map_err(ErrorDocument::Failed)?;
+    let answer = localize(&query, map, options).map_err(|error| ErrorDocument::of(&error))?.answer(map);
+    Ok(if trusted_only { answer.trusted_only() } else { answer })
 }
 
 /// Reads a sealed query from a file.

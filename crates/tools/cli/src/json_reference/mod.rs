@@ -4,15 +4,11 @@
 mod page;
 mod shape;
 
-use std::collections::BTreeMap;
-
+use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
-use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde_json::Value;
-use utoipa::ToSchema as _;
 use veiloc_evaluation::attack_evaluation::{AttackDocument, AuditDocument, adversaries, inversion, sessions};
 use veiloc_evaluation::results;
-use veiloc_protocol::AnswerDocument;
 
 use self::page::Page;
 use crate::commands;
@@ -49,36 +45,4 @@ pub fn json_reference() -> Result<String, String> {
 fn schema<T: JsonSchema>() -> Value {
     let settings = SchemaSettings::draft2020_12().for_serialize().with(|s| s.inline_subschemas = true);
     settings.into_generator().into_root_schema_for::<T>().to_value()
-}
-
-/// The schema of a service's answer. Its type has a description for OpenAPI 3.1, which contains JSON schemas; the crate of
-/// the protocol needs no second one.
-pub(crate) fn answer_schema(_: &mut SchemaGenerator) -> Schema {
-    let mut named = Vec::new();
-    AnswerDocument::schemas(&mut named);
-    let value = |schema| serde_json::to_value(schema).unwrap_or_default();
-    let named: BTreeMap<String, Value> =
-        named.into_iter().map(|(name, schema)| (name, value(schema))).collect();
-    let own = serde_json::to_value(<AnswerDocument as utoipa::PartialSchema>::schema()).unwrap_or_default();
-    Schema::try_from(inlined(own, &named)).unwrap_or_default()
-}
-
-/// Replaces references by the schemas they name.
-fn inlined(schema: Value, named: &BTreeMap<String, Value>) -> Value {
-    match schema {
-        Value::Object(mut object) => {
-            if let Some(Value::String(reference)) = object.remove("$ref") {
-                let name = reference.rsplit('/').next().unwrap_or_default();
-                if let Some(Value::Object(target)) = named.get(name) {
-                    // The description of the field replaces that of the type.
-                    for (key, value) in target {
-                        object.entry(key.clone()).or_insert_with(|| value.clone());
-                    }
-                }
-            }
-            object.into_iter().map(|(key, value)| (key, inlined(value, named))).collect()
-        }
-        Value::Array(all) => all.into_iter().map(|one| inlined(one, named)).collect(),
-        other => other,
-    }
 }

@@ -302,7 +302,7 @@ fn a_query_for_another_map() {
     let run = scene.run("localize --map place.vmap --json five.vquery");
     assert_eq!(run.code, Some(1), "{run}");
     let document = run.json();
-    assert_eq!(document["localized"], 0);
+    assert_eq!(document["not_found"], 1);
     assert_eq!(document["queries"][0]["error"]["kind"], "wrong_profile");
     let error = document["queries"][0]["error"]["message"].as_str().expect("a reason");
     assert!(error.contains("veiloc map profile") && error.contains("profile"), "{run}");
@@ -314,7 +314,7 @@ fn a_query_for_another_map() {
     assert_eq!(run.code, Some(1), "{run}");
     scene.run("localize --map place.vmap --skip-bad five.vquery mine.vquery").succeeded();
     let document = run.json();
-    assert_eq!(document["localized"], 1);
+    assert_eq!(document["trusted"], 1);
     assert!(document["queries"][0]["error"].is_object() && document["queries"][1].get("error").is_none());
 }
 

@@ -44,7 +44,7 @@ fn only_focal_length_is_read_from_exif() {
         assert!(!bytes.windows(hidden.len()).any(|w| w == hidden), "metadata in the query");
     }
     let read = scene.run("localize --map place.vmap exif.vquery --json").json();
-    assert_ne!(read["queries"][0]["status"], "failed");
+    assert_ne!(read["queries"][0]["state"], "failed");
 }
 
 #[test]

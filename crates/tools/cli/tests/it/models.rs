@@ -33,7 +33,7 @@ fn a_described_network_maps_seals_and_localizes() {
     let seal = format!("seal images/query-0.png --camera {CAMERA} --profile corners.vprofile");
     scene.run(&format!("{seal} {features} -o corners.vquery")).succeeded();
     let found = scene.run("localize --map corners.vmap corners.vquery --json").succeeded().json();
-    assert_eq!(found["queries"][0]["status"], "localized", "{found}");
+    assert!(found["queries"][0]["cam_from_world"].is_object(), "{found}");
 
     // The audit and out-of-map images use the network too, and do not fall back to built-in features.
     let audit = "audit images/query-0.png --no-synthetic --attacks closed-form --max-keypoints 256 --json";
@@ -88,7 +88,7 @@ fn a_projected_network_maps_seals_and_localizes() {
         let seal = format!("seal images/query-0.png --camera {CAMERA} --profile {name}.vprofile");
         scene.run(&format!("{seal} {features} -o {name}.vquery")).succeeded();
         let found = scene.run(&format!("localize --map {name}.vmap {name}.vquery --json")).succeeded().json();
-        assert_eq!(found["queries"][0]["status"], "localized", "{found}");
+        assert!(found["queries"][0]["cam_from_world"].is_object(), "{found}");
     }
     let info = scene.run("map info small.vmap --json").succeeded().json();
     assert!(info.to_string().contains("corners-compact"), "{info}");
@@ -130,7 +130,7 @@ fn l14_whole_image_descriptor_needs_consent() {
     let tables = common::documented::tables();
     assert_eq!(common::documented::mistakes(&tables["seal"], &[document]), [""; 0]);
     let found = scene.run("localize --map whole.vmap whole.vquery --json").succeeded().json();
-    assert_eq!(found["queries"][0]["status"], "localized", "{found}");
+    assert!(found["queries"][0]["cam_from_world"].is_object(), "{found}");
 
     // The user's own out-of-map images need no consent.
     let out_of_map = "eval scene --map whole.vmap --conditions negatives --negatives images --schemes dcl";

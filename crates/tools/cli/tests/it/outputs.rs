@@ -131,5 +131,5 @@ fn results_are_written_before_other_files() {
     let output = { run }.output().expect("the binary runs");
     assert_eq!(output.status.code(), Some(3), "{}", String::from_utf8_lossy(&output.stderr));
     let document: serde_json::Value = serde_json::from_slice(&output.stdout).expect("the results");
-    assert_eq!(document["localized"], 1, "{CAMERA}");
+    assert_eq!(document["trusted"], 1, "{CAMERA}");
 }

@@ -28,10 +28,11 @@ fn localize_all(scene: &TestScene, map: &str, scheme: &str, folder: &str, bound:
     let sealed = each_query(|i| format!("{folder}/query-{i}.vquery"));
     let run = scene.run(&format!("localize --map {map} --json {sealed}")).succeeded();
     let document = run.json();
-    assert_eq!(document["version"], 2);
+    assert_eq!(document["version"], 1);
     assert_eq!(document["map"], map);
-    assert_eq!(document["localized"], QUERIES, "{run}");
-    assert_eq!((&document["not_localized"], &document["failed"]), (&json!(0), &json!(0)));
+    let counts = ["trusted", "doubtful", "not_found", "failed"].map(|state| document[state].as_u64());
+    assert_eq!(counts[0].zip(counts[1]).map(|(a, b)| a + b), Some(QUERIES as u64), "{run}");
+    assert_eq!(counts[2..], [Some(0), Some(0)]);
     let queries = document["queries"].as_array().expect("an array");
     assert_eq!(queries.len(), QUERIES);
     for (i, query) in queries.iter().enumerate() {
@@ -40,20 +41,25 @@ fn localize_all(scene: &TestScene, map: &str, scheme: &str, folder: &str, bound:
             [
                 "cam_from_world",
                 "center",
+                "center_covariance",
                 "confidence",
                 "covariance",
                 "doubts",
+                "down",
                 "file",
                 "focal_scale",
                 "hypotheses",
                 "inliers",
                 "matches",
+                "metres_per_unit",
                 "ms",
                 "noise_px",
                 "position_sd",
+                "principal_shift_px",
+                "rotation_sd_deg",
+                "sd_includes",
                 "state",
-                "status",
-                "trusted"
+                "version"
             ],
             "{run}"
         );

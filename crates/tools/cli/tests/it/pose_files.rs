@@ -45,7 +45,7 @@ fn pose_files_match_json_poses() {
     let queries = document["queries"].as_array().expect("an array");
     let files: Vec<&str> = queries.iter().map(|q| q["file"].as_str().expect("a name")).collect();
     assert_eq!(files, ["day/query-0.png", "no-such.png", "query-1.png"]);
-    assert_eq!((document["localized"].as_u64(), document["failed"].as_u64()), (Some(2), Some(1)));
+    assert_eq!((document["trusted"].as_u64(), document["failed"].as_u64()), (Some(2), Some(1)));
 
     let hloc = rows("poses/hloc.txt");
     let names: Vec<&str> = hloc.iter().map(|row| row.0.as_str()).collect();

@@ -46,7 +46,7 @@ fn a_session_gives_one_pose() {
     assert_eq!(run.code, Some(0), "{run}");
     let document = run.json();
     assert_eq!(document["state"], "trusted", "{run}");
-    let found = pose(&document["rig_from_world"]);
+    let found = pose(&document["cam_from_world"]);
     assert!(scene.position_error("query-0.png", &found) < POSITION_TOLERANCE, "{run}");
     let frames = document["frames"].as_array().expect("frames");
     assert_eq!(frames.len(), QUERIES);

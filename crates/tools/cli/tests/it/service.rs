@@ -84,6 +84,45 @@ fn send_with_cache(image: &str, url: &str, cache: &str) -> String {
     format!("query send images/{image} --camera {CAMERA} --map place --cache {cache} --server {url}")
 }
 
+/// The same query gives the same document, field by field: over HTTP, from the program, and through `query send`.
+#[test]
+fn one_answer_everywhere() {
+    let scene = scene();
+    let service = Service::start(scene, "--map place=place.vmap");
+    let sealed = scene.run(&format!(
+        "seal images/query-0.png --camera {CAMERA} --profile place.vprofile -o one-answer.vquery"
+    ));
+    sealed.succeeded();
+    let bytes = fs::read(scene.path("one-answer.vquery")).expect("it was sealed");
+    let over_http = http::Request::post("/v1/maps/place/localize", &bytes)
+        .header("content-type", "application/x-protobuf")
+        .send(service.address);
+    let run = scene.run("localize --map place.vmap one-answer.vquery --json").succeeded();
+    let rig = r#"{"frames": [{"query": "one-answer.vquery", "cam_from_rig": {"q": [1, 0, 0, 0], "t": [0, 0, 0]}, "rotation_sd_deg": 0, "translation_sd": 0}]}"#;
+    scene.write("one-answer.json", rig);
+    let sent =
+        format!("query send --rig one-answer.json --map place --server {} --cache own --json", service.url);
+    let rigs = [
+        scene.run("localize --map place.vmap --rig one-answer.json --json").succeeded().json(),
+        scene.run(&sent).succeeded().json(),
+    ];
+    // Without what the program adds, and times.
+    let document = |mut document: serde_json::Value| {
+        for own in ["file", "map", "rig", "frames", "ms"] {
+            document.as_object_mut().expect("an object").remove(own);
+        }
+        document
+    };
+    let [over_http, local] = [over_http.json(), run.json()["queries"][0].clone()].map(document);
+    assert_eq!(over_http, local);
+    let [local, sent] = rigs.map(document);
+    assert_eq!(local, sent);
+    assert_eq!(
+        local.as_object().map(|d| d.keys().cloned().collect::<Vec<_>>()),
+        over_http.as_object().map(|d| d.keys().cloned().collect())
+    );
+}
+
 #[test]
 fn image_is_localized() {
     let scene = scene();
@@ -95,7 +134,7 @@ fn image_is_localized() {
         let found = pose(&run.json()["cam_from_world"]);
         assert!(found.translation_error(&truth) < POSITION_TOLERANCE, "{run}");
         assert!(found.rotation_error_degrees(&truth) < 1.0, "{run}");
-        assert_eq!(run.json()["trusted"], true);
+        assert_eq!(run.json()["state"], "trusted");
         let fields = &common::documented::tables()["query send"];
         assert_eq!(common::documented::mistakes(fields, &[run.json()]), [""; 0]);
         assert!(run.stderr.contains("sent as dcl"), "{run}");
@@ -178,7 +217,7 @@ fn a_session_gets_one_pose() {
     let run = scene.run(&format!("{command} --json")).succeeded();
     let found = pose(&run.json()["cam_from_world"]);
     assert!(found.translation_error(&first) < POSITION_TOLERANCE, "{run}");
-    assert_eq!(run.json()["trusted"], true);
+    assert_eq!(run.json()["state"], "trusted");
     let fields = &common::documented::tables()["query send"];
     assert_eq!(common::documented::mistakes(fields, &[run.json()]), [""; 0]);
     let text = scene.run(&command).succeeded();

@@ -10,8 +10,8 @@ use veiloc_geometry::Anchor;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_protocol::{
     AnchoredRow, AngleBits, Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerTimes, CanonicalCamera,
-    CoarseGravity, DoubtKind, FocalKnowledge, Hints, LayoutTurn, LineRow, PositionRow, Profile, QueryParts,
-    Rows, Scheme, SealedQuery,
+    CoarseGravity, DoubtKind, FocalKnowledge, GravityUse, Hints, LayoutTurn, LineRow, MapCoordinates,
+    PositionRow, Profile, QueryParts, Rows, Scheme, SealedQuery,
 };
 
 /// Numbers directly from the generator, so that the known answers do not depend on how a library draws ranges.
@@ -145,15 +145,15 @@ fn make_query(
 /// The known-answer files without their extensions, and their content.
 pub(crate) fn known_answers() -> Vec<(String, SealedQuery)> {
     let schemes = ["points", "random-lines", "coordinate-permutation", "dcl", "dcl:angle=30,s=2"];
+    let paper: Scheme = "dcl:paper".parse().expect("a scheme");
     let of = |name: &str| {
         let bits = AngleBits::new(if name == "dcl:angle=30,s=2" { 10 } else { 12 }).expect("allowed");
-        let scheme: Scheme = name.parse().expect("a scheme");
+        let scheme: Scheme = if name == "dcl" { paper } else { name.parse().expect("a scheme") };
         (name.replace([':', '=', ','], "-"), query(scheme, bits, 256, 1))
     };
     let mut all: Vec<_> = schemes.into_iter().map(of).collect();
-    let dcl = |profile: &Profile, hints| {
-        query_with_hints(hints, profile, Scheme::default(), AngleBits::default(), 256, 1)
-    };
+    let dcl =
+        |profile: &Profile, hints| query_with_hints(hints, profile, paper, AngleBits::default(), 256, 1);
     all.push(("own-kind".to_owned(), dcl(&own_profile(), Hints::default())));
     let gravity = |down, sd| Some(CoarseGravity::new(down, sd).expect("a direction"));
     for (name, focal, gravity) in [
@@ -193,13 +193,10 @@ pub(crate) fn answer(seed: u64, doubts: usize) -> Answer {
         pose: Some(AnswerPose {
             rotation: [0.5, -0.5, 0.5, 0.5],
             translation: std::array::from_fn(|_| eighth()),
-            center: std::array::from_fn(|_| eighth()),
             covariance: std::array::from_fn(|i| {
                 std::array::from_fn(|j| if i == 5 && j == 5 { f64::INFINITY } else { eighth() })
             }),
-            center_covariance: std::array::from_fn(|_| std::array::from_fn(|_| eighth())),
         }),
-        trusted: doubts == 0,
         doubts: DoubtKind::ALL
             .into_iter()
             .cycle()
@@ -209,6 +206,8 @@ pub(crate) fn answer(seed: u64, doubts: usize) -> Answer {
         log_evidence: 812.5,
         margin: f64::INFINITY,
         fit: None,
+        gravity: GravityUse::UnknownInMap,
+        map: MapCoordinates::default(),
         inliers: 311,
         matches: 912,
         hypotheses: 64,
@@ -216,10 +215,12 @@ pub(crate) fn answer(seed: u64, doubts: usize) -> Answer {
     }
 }
 
-/// The same answer with its fit.
+/// The same answer with all that a service may leave out: its fit, the unit of the map and the direction of gravity.
 pub(crate) fn answer_with_fit(seed: u64, doubts: usize) -> Answer {
     Answer {
         fit: Some(AnswerFit { noise_px: 0.75, focal_scale: 1.03125, principal_shift_px: [12.5, -0.75] }),
+        gravity: GravityUse::Used,
+        map: MapCoordinates { metres_per_unit: Some(1.0), down: Some([0.0, -1.0, 0.0]) },
         ..answer(seed, doubts)
     }
 }

@@ -333,7 +333,7 @@ impl Announcements {
 /// Localizes directly in a region, without a cluster.
 pub fn localize_locally(map: &MapFile, bytes: &[u8]) -> Result<Answer, LocalizeFailure> {
     let request = DecodedRequest::decode(BodyKind::Query, bytes).expect("a sealed query");
-    request.localize(map, &LocalizeOptions::default(), 0.0).map(|output| output.answer)
+    request.localize(map, &LocalizeOptions::default(), 0.0)
 }
 
 pub fn region(folder: &RegionFolder, number: usize) -> MapFile {

@@ -21,7 +21,8 @@ impl Gate {
     pub fn install(files: &Files, options: &mut ServerOptions) -> Arc<Self> {
         let map = MapFile::open(&files.path("place.vmap")).expect("a map");
         let (profile, images, points) = (map.profile().clone(), map.image_count(), map.point_count());
-        let description = Arc::new(MapDescription { profile, images, points, is_metric: map.is_metric() });
+        let description =
+            Arc::new(MapDescription { profile, images, points, coordinates: map.coordinates() });
         let gate = Arc::new(Self { map, description, permits: Semaphore::new(0) });
         options.maps.clear();
         options.remote_maps = vec![RemoteMap { name: "place".to_owned(), backend: gate.clone() }];
@@ -55,7 +56,7 @@ impl RemoteBackend for Gate {
     fn localize(&self, request: RemoteRequest) -> AnswerFuture<'_> {
         Box::pin(async move {
             self.permits.acquire().await.expect("never closed").forget();
-            request.decoded.localize(&self.map, &LocalizeOptions::default(), 0.0).map(|found| found.answer)
+            request.decoded.localize(&self.map, &LocalizeOptions::default(), 0.0)
         })
     }
 }

@@ -1,11 +1,8 @@
 //! Results of `veiloc localize`: the JSON document, and the lines of the text output.
 
-use std::collections::BTreeMap;
-
 use serde::Serialize;
-use veiloc_evaluation::results::PoseDocument;
-use veiloc_localization::{GravityUse, Localization, LocalizeError};
-use veiloc_pose::{Confidence, State};
+use veiloc_localization::LocalizeError;
+use veiloc_protocol::{Answer, AnswerDocument, AnswerState, AnswerTimes};
 
 use crate::output::items::InputError;
 use crate::output::position::{position, unit_of};
@@ -14,37 +11,53 @@ use crate::output::position::{position, unit_of};
 #[derive(Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(crate) struct LocalizeDocument {
-    /// 2.
-    pub(super) version: u32,
+    /// 1.
+    version: u32,
     /// The map, as given.
-    pub(super) map: String,
-    /// Whether map units are metres; false if not known.
-    pub(super) is_metric: bool,
-    /// Number of queries with a pose.
-    pub(super) localized: usize,
+    map: String,
+    /// Number of queries with a trusted pose.
+    trusted: usize,
+    /// Number of queries with a doubtful pose, withheld ones included.
+    doubtful: usize,
     /// Number of valid queries without a pose.
-    pub(super) not_localized: usize,
+    not_found: usize,
     /// Number of queries that cannot be used.
-    pub(super) failed: usize,
+    failed: usize,
     /// The queries, in the order given.
-    pub(super) queries: Vec<QueryDocument>,
+    queries: Vec<QueryDocument>,
 }
 
 /// Result of a query.
-#[derive(Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(rename_all = "snake_case")]
-pub(super) enum LocalizeStatus {
-    /// It has a pose; `trusted` says whether the pose is trusted.
-    Localized,
-    /// The query is valid, and no pose was found.
-    NotLocalized,
-    /// The file cannot be used.
-    Failed,
+struct QueryDocument {
+    /// The sealed query; `-` for stdin; with `--queries` the name of the image in the list.
+    file: String,
+    #[serde(flatten)]
+    result: ResultDocument,
 }
 
-/// `gravity` of a query whose gravity was not used, because the map does not know the direction of gravity.
-pub(super) const UNUSED_GRAVITY: &str = "unused";
+/// An answer, as over HTTP, or the reason why there is none.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(super) struct ResultDocument {
+    #[serde(flatten)]
+    none: Option<NoPoseDocument>,
+    #[serde(flatten)]
+    answer: Option<AnswerDocument>,
+}
+
+/// Why a query has no pose.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+struct NoPoseDocument {
+    /// 1.
+    version: u32,
+    /// `not-found`: the query is valid and no pose was found; `failed`: it cannot be used.
+    state: &'static str,
+    /// Why there is no pose; absent with an answer.
+    error: ErrorDocument,
+}
 
 /// Reason why a query has no pose, for programs.
 #[derive(Clone, Copy, Serialize)]
@@ -57,16 +70,14 @@ pub(super) enum NoPoseKind {
     WrongProfile,
     /// The map has no points.
     EmptyMap,
-    /// The pose is doubtful, and only trusted poses were requested.
-    Withheld,
 }
 
 /// Reason why a query has no pose.
-#[derive(Serialize)]
+#[derive(Clone, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(untagged)]
 pub(super) enum ErrorDocument {
-    NotLocalized {
+    NotFound {
         /// Kind of the error, for programs.
         kind: NoPoseKind,
         /// The problem and the remedy, for people.
@@ -76,244 +87,162 @@ pub(super) enum ErrorDocument {
 }
 
 impl ErrorDocument {
+    /// The error of a valid query without a pose.
+    pub(super) fn of(error: &LocalizeError) -> Self {
+        let kind = match error {
+            LocalizeError::WrongProfile { .. } | LocalizeError::Frame { .. } => NoPoseKind::WrongProfile,
+            LocalizeError::EmptyMap => NoPoseKind::EmptyMap,
+            LocalizeError::NoPose { .. } | LocalizeError::Stopped => NoPoseKind::NoPose,
+        };
+        Self::NotFound { kind, message: error.to_string() }
+    }
+
     pub(super) fn message(&self) -> &str {
         match self {
-            Self::NotLocalized { message, .. } => message,
+            Self::NotFound { message, .. } => message,
             Self::Failed(fault) => &fault.message,
         }
     }
-}
 
-/// Result of a query.
-#[derive(Serialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub(super) struct QueryDocument {
-    /// The sealed query; `-` for stdin; with `--queries` the name of the image in the list.
-    pub(super) file: String,
-    /// Whether there is a pose. Whether it is trusted is in `state`.
-    pub(super) status: LocalizeStatus,
-    /// State of the pose: `trusted`, `doubtful` or `not-found`.
-    pub(super) state: &'static str,
-    /// The pose; absent without one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) cam_from_world: Option<PoseDocument>,
-    /// Camera centre in the map, map units; absent without a pose.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) center: Option<[f64; 3]>,
-    /// Standard deviation of the centre in its least certain direction, map units: the ± of the text output; null when
-    /// a direction is unconstrained; absent without a pose.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) position_sd: Option<f64>,
-    /// Covariance of the pose, see *Covariance*; absent without a pose.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) covariance: Option<[[f64; 6]; 6]>,
-    /// Standard deviation of the inliers' residuals, pixels of the query's camera: across the line, for points along
-    /// each axis. Much more than 1 means that map, camera or query are worse than expected. Absent when nothing was
-    /// found.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) noise_px: Option<f64>,
-    /// Estimated focal length divided by that of the query; 1 when it was not estimated; absent when nothing was
-    /// found.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) focal_scale: Option<f64>,
-    /// Estimated principal point minus that of the query, pixels; absent when it was not estimated.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) principal_shift_px: Option<[f64; 2]>,
-    /// Use of the query's gravity: `used`, or `unused` when the map does not know the direction of gravity; absent if
-    /// the query has none, or nothing was found.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) gravity: Option<&'static str>,
-    /// Whether the pose is trusted; false without a pose.
-    pub(super) trusted: bool,
-    /// Reasons to doubt the pose, for people.
-    pub(super) doubts: Vec<String>,
-    /// Evidence for and against the pose; absent without one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) confidence: Option<ConfidenceDocument>,
-    /// Number of matches that agree with the pose; 0 without a pose.
-    pub(super) inliers: usize,
-    /// Number of matches between query and map.
-    pub(super) matches: usize,
-    /// Number of hypotheses.
-    pub(super) hypotheses: usize,
-    /// Milliseconds of the stages `retrieve`, `match` and `pose`.
-    pub(super) ms: BTreeMap<&'static str, f64>,
-    /// Why there is no pose; absent with a pose.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) error: Option<ErrorDocument>,
-}
-
-/// Evidence for and against a pose; see `veiloc_pose::Confidence`.
-#[derive(Serialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub(super) struct ConfidenceDocument {
-    /// Natural logarithm of the evidence against chance, by map point; absent when it is infinite.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    log_evidence: Option<f64>,
-    /// Difference in log likelihood to the best other pose, nats; absent if no other was found.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    margin: Option<f64>,
-    /// Log evidence of another pose from the matches that do not agree with this one; absent if they support none.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    rival_log_evidence: Option<f64>,
-    /// Distance from the position given with `--near`, in standard deviations of both; absent without one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    position_deviation: Option<f64>,
-    /// `position_sd`; absent when it is infinite.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    center_sd: Option<f64>,
-    /// Standard deviation of the orientation about its least certain axis, degrees; absent when it is infinite.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    rotation_sd_deg: Option<f64>,
-}
-
-impl ConfidenceDocument {
-    pub(super) fn of(confidence: &Confidence) -> Self {
-        let finite = |x: f64| x.is_finite().then_some(x);
-        Self {
-            log_evidence: finite(confidence.log_evidence),
-            margin: finite(confidence.margin),
-            rival_log_evidence: confidence.rival_log_evidence,
-            position_deviation: confidence.position_deviation.and_then(finite),
-            center_sd: finite(confidence.center_sd),
-            rotation_sd_deg: finite(confidence.rotation_sd_deg),
+    const fn state(&self) -> &'static str {
+        match self {
+            Self::NotFound { .. } => "not-found",
+            Self::Failed(_) => "failed",
         }
     }
 }
 
-impl QueryDocument {
-    /// Returns whether it has a doubtful pose.
-    pub(super) fn is_doubtful(&self) -> bool {
-        self.status == LocalizeStatus::Localized && !self.trusted
+/// A query and its result.
+pub(super) struct LocalizedQuery {
+    /// As in the document.
+    pub(super) file: String,
+    pub(super) result: Result<Answer, ErrorDocument>,
+}
+
+impl LocalizedQuery {
+    pub(super) fn answer(&self) -> Option<&Answer> {
+        self.result.as_ref().ok()
+    }
+
+    /// Returns whether the file could be read.
+    pub(super) const fn is_valid(&self) -> bool {
+        !matches!(self.result, Err(ErrorDocument::Failed(_)))
     }
 
     /// Returns whether the query is valid but for another map.
-    pub(super) fn is_refused(&self) -> bool {
-        matches!(self.error, Some(ErrorDocument::NotLocalized { kind: NoPoseKind::WrongProfile, .. }))
+    pub(super) const fn is_refused(&self) -> bool {
+        matches!(self.result, Err(ErrorDocument::NotFound { kind: NoPoseKind::WrongProfile, .. }))
+    }
+
+    /// Why nothing is shown, for people; `None` for a pose.
+    pub(super) fn reason(&self) -> Option<String> {
+        reason(&self.result)
     }
 }
 
-pub(super) fn not_localized(kind: NoPoseKind, error: &LocalizeError) -> ErrorDocument {
-    ErrorDocument::NotLocalized { kind, message: error.to_string() }
+/// Numbers of queries by state.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct StateCounts {
+    pub(super) trusted: usize,
+    pub(super) doubtful: usize,
+    pub(super) withheld: usize,
+    pub(super) not_found: usize,
+    pub(super) failed: usize,
 }
 
-pub(super) fn localized_query(file: String, found: &Localization) -> QueryDocument {
-    let pose = &found.cam_from_world;
-    let c = pose.center().coords;
-    QueryDocument {
-        file,
-        status: LocalizeStatus::Localized,
-        state: name_of(found.state),
-        cam_from_world: Some(PoseDocument::of(pose)),
-        center: Some([c.x, c.y, c.z]),
-        position_sd: Some(found.confidence.center_sd),
-        covariance: Some(found.covariance),
-        noise_px: Some(found.noise_px),
-        focal_scale: Some(found.focal_scale),
-        principal_shift_px: (found.principal_shift_px != [0.0; 2]).then_some(found.principal_shift_px),
-        gravity: match found.gravity {
-            GravityUse::NotProvided => None,
-            GravityUse::Used => Some("used"),
-            GravityUse::UnknownInMap => Some(UNUSED_GRAVITY),
+impl StateCounts {
+    pub(super) fn of(queries: &[LocalizedQuery]) -> Self {
+        let mut counts = Self::default();
+        for query in queries {
+            match &query.result {
+                Ok(answer) if answer.trusted() => counts.trusted += 1,
+                Ok(answer) => {
+                    counts.doubtful += 1;
+                    counts.withheld += usize::from(answer.pose.is_none());
+                }
+                Err(ErrorDocument::NotFound { .. }) => counts.not_found += 1,
+                Err(ErrorDocument::Failed(_)) => counts.failed += 1,
+            }
+        }
+        counts
+    }
+
+    /// Number of queries with a pose.
+    pub(super) const fn with_pose(&self) -> usize {
+        self.trusted + self.doubtful - self.withheld
+    }
+}
+
+impl LocalizeDocument {
+    pub(super) fn new(map: String, queries: &[LocalizedQuery]) -> Self {
+        let StateCounts { trusted, doubtful, not_found, failed, .. } = StateCounts::of(queries);
+        let document = |query: &LocalizedQuery| QueryDocument {
+            file: query.file.clone(),
+            result: ResultDocument::of(&query.result),
+        };
+        let queries = queries.iter().map(document).collect();
+        Self { version: 1, map, trusted, doubtful, not_found, failed, queries }
+    }
+}
+
+impl ResultDocument {
+    pub(super) fn of(result: &Result<Answer, ErrorDocument>) -> Self {
+        let none =
+            |error: &ErrorDocument| NoPoseDocument { version: 1, state: error.state(), error: error.clone() };
+        Self { none: result.as_ref().err().map(none), answer: result.as_ref().ok().map(AnswerDocument::new) }
+    }
+}
+
+/// Why nothing is shown, for people; `None` for a pose.
+pub(super) fn reason(result: &Result<Answer, ErrorDocument>) -> Option<String> {
+    match result {
+        Ok(answer) if answer.pose.is_some() => None,
+        Ok(answer) => Some(format!(
+            "its pose is withheld: {}; send another frame of the same session, or first move by at least one step",
+            doubts(answer)
+        )),
+        Err(error) => Some(error.message().to_owned()),
+    }
+}
+
+/// The doubts of an answer in one line; empty for a trusted one.
+pub(crate) fn doubts(answer: &Answer) -> String {
+    answer.doubts.iter().map(|doubt| doubt.text.as_str()).collect::<Vec<_>>().join("; ")
+}
+
+/// The line of an answer: state, position, agreeing matches, time and doubts.
+pub(crate) fn answer_line(answer: &Answer) -> String {
+    let AnswerTimes { queue_ms, retrieve_ms, match_ms, pose_ms } = answer.times;
+    let total = queue_ms + retrieve_ms + match_ms + pose_ms;
+    let place = answer.pose.as_ref().map_or_else(
+        || "its pose is withheld".to_owned(),
+        |pose| {
+            let unit = unit_of(answer.map.metres_per_unit.is_some());
+            format!("{} {unit}", position(pose.center(), pose.position_sd()))
         },
-        trusted: found.confidence.is_trusted(),
-        doubts: found.confidence.doubts().iter().map(ToString::to_string).collect(),
-        confidence: Some(ConfidenceDocument::of(&found.confidence)),
-        inliers: found.inliers,
-        matches: found.matches,
-        hypotheses: found.hypotheses,
-        ms: [
-            ("retrieve", found.times.retrieve_ms),
-            ("match", found.times.match_ms),
-            ("pose", found.times.pose_ms),
-        ]
-        .into(),
-        error: None,
-    }
-}
-
-/// Removes the pose and all statements on it, except the reasons for doubt.
-pub(super) fn withheld(query: QueryDocument) -> QueryDocument {
-    let message = format!(
-        "its pose is withheld: {}; send another frame of the same session, or first move by at least one \
-         step",
-        query.doubts.join("; ")
     );
-    QueryDocument {
-        status: LocalizeStatus::NotLocalized,
-        cam_from_world: None,
-        center: None,
-        position_sd: None,
-        covariance: None,
-        error: Some(ErrorDocument::NotLocalized { kind: NoPoseKind::Withheld, message }),
-        ..query
-    }
-}
-
-pub(super) const fn name_of(state: State) -> &'static str {
-    match state {
-        State::Trusted => "trusted",
-        State::Doubtful => "doubtful",
-        State::NotFound => "not-found",
-    }
-}
-
-pub(super) fn failed_query(file: String, error: ErrorDocument) -> QueryDocument {
-    let status = match error {
-        ErrorDocument::NotLocalized { .. } => LocalizeStatus::NotLocalized,
-        ErrorDocument::Failed(_) => LocalizeStatus::Failed,
-    };
-    QueryDocument {
-        file,
-        status,
-        state: name_of(State::NotFound),
-        cam_from_world: None,
-        center: None,
-        position_sd: None,
-        covariance: None,
-        noise_px: None,
-        focal_scale: None,
-        principal_shift_px: None,
-        gravity: None,
-        trusted: false,
-        doubts: Vec::new(),
-        confidence: None,
-        inliers: 0,
-        matches: 0,
-        hypotheses: 0,
-        ms: BTreeMap::new(),
-        error: Some(error),
-    }
+    let doubts = if answer.trusted() { String::new() } else { format!("  {}", doubts(answer)) };
+    format!(
+        "{:<9}  {place}  {} of {} matches agree  {total:.0} ms{doubts}",
+        answer.state(),
+        answer.inliers,
+        answer.matches
+    )
 }
 
 /// One line for each query that was answered; unusable files are reported on stderr.
-pub(super) fn table(document: &LocalizeDocument) -> String {
+pub(super) fn table(queries: &[LocalizedQuery]) -> String {
     use std::fmt::Write as _;
-    let answered = || document.queries.iter().filter(|q| q.status != LocalizeStatus::Failed);
-    let width = answered().map(|q| q.file.chars().count()).max().unwrap_or(0);
-    let unit = unit_of(document.is_metric);
+    let answered = || queries.iter().filter(|query| query.is_valid());
+    let width = answered().map(|query| query.file.chars().count()).max().unwrap_or(0);
     let mut text = String::new();
-    for q in answered() {
-        let state = q.state;
-        let _ = match (&q.center, &q.error) {
-            (Some(center), _) => {
-                let sd = q.position_sd.unwrap_or(f64::INFINITY);
-                let total: f64 = q.ms.values().sum();
-                writeln!(
-                    text,
-                    "{:<width$}  {state:<9}  {} {unit}  {} of {} matches agree  {total:.0} ms{}",
-                    q.file,
-                    position(*center, sd),
-                    q.inliers,
-                    q.matches,
-                    if q.trusted { String::new() } else { format!("  {}", q.doubts.join("; ")) },
-                )
-            }
-            (None, error) => {
-                let why = error.as_ref().map_or("not localized", ErrorDocument::message);
-                writeln!(text, "{:<width$}  {state:<9}  {why}", q.file)
-            }
+    for query in answered() {
+        let line = match (&query.result, query.reason()) {
+            (Ok(answer), None) => answer_line(answer),
+            (Ok(_), Some(why)) => format!("{:<9}  {why}", AnswerState::Doubtful),
+            (Err(error), _) => format!("{:<9}  {}", error.state(), error.message()),
         };
+        let _ = writeln!(text, "{:<width$}  {line}", query.file);
     }
     text
 }

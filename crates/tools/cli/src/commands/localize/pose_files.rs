@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use veiloc_evaluation::results::PoseDocument;
 use veiloc_evaluation::results::pose_lines::{TumStamps, hloc_line, tum_line, tum_stamps};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::colmap::{ColmapImage, ColmapModel, check_text_folder, write_binary, write_text};
+use veiloc_protocol::PoseDocument;
 
 use crate::output::exit::Failure;
 use crate::output::files;

@@ -2,17 +2,16 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use veiloc_geometry::deviations::rotation_sd_degrees;
 use veiloc_localization::{LocalizeOptions, localize};
 use veiloc_map::MapFile;
 use veiloc_pose::State;
-use veiloc_protocol::SealedQuery;
+use veiloc_protocol::{AnswerPose, AnswerState, SealedQuery};
 use veiloc_report::{
     LocalizationReport, Method, QueryDrawing, QueryOutcome, SceneView, SentDrawing, localization_page,
     worst_first,
 };
 
-use super::document::{LocalizeDocument, LocalizeStatus, QueryDocument, name_of};
+use super::document::{LocalizedQuery, StateCounts, doubts};
 use crate::args::report_args::ReportFileArgs;
 use crate::commands::eval::html;
 use crate::output::exit::Failure;
@@ -41,24 +40,25 @@ impl ReportArgs {
 
     /// Writes the report if requested. Drawn queries are localized once more, with the same result.
     ///
-    /// `sealed` holds the queries of the document, in its order, as far as they could be read.
+    /// `map_name`: as given. `sealed` holds the queries in the same order, as far as they could be read.
     pub(super) fn write(
         &self,
-        document: &LocalizeDocument,
+        map_name: &str,
+        queries: &[LocalizedQuery],
         sealed: &[Option<SealedQuery>],
         map: &MapFile,
         options: &LocalizeOptions,
         ui: &Ui,
     ) -> Result<(), Failure> {
         let Some(path) = &self.report.file else { return Ok(()) };
-        let mut run = filled(document, sealed, map);
+        let mut run = filled(map_name, queries, sealed, map);
         let worst = worst_first(&run.methods, &run.outcomes).into_iter().take(self.report.queries.into());
         for (_, name) in worst {
-            let of_name = document.queries.iter().zip(sealed).find(|(query, _)| query.file == name);
+            let of_name = queries.iter().zip(sealed).find(|(query, _)| query.file == name);
             let Some((query, Some(sealed))) = of_name else { continue };
             // A withheld pose is not drawn either.
-            let found =
-                localize(sealed, map, options).ok().filter(|_| query.status == LocalizeStatus::Localized);
+            let has_pose = query.answer().is_some_and(|answer| answer.pose.is_some());
+            let found = has_pose.then(|| localize(sealed, map, options).ok()).flatten();
             let sent = SentDrawing::of(sealed, found.as_ref(), map);
             let image = self.report_images.as_deref().and_then(|folder| image_of(folder, Path::new(&name)));
             let drawing = QueryDrawing { scene: 0, name, image, is_undistorted: false, sent: vec![sent] };
@@ -80,27 +80,27 @@ impl ReportArgs {
 }
 
 /// The tables of the report, and the scene.
-fn filled(document: &LocalizeDocument, sealed: &[Option<SealedQuery>], map: &MapFile) -> LocalizationReport {
-    let answered: Vec<(&QueryDocument, Option<&SealedQuery>)> = document
-        .queries
-        .iter()
-        .zip(sealed.iter().map(Option::as_ref))
-        .filter(|(q, _)| q.status != LocalizeStatus::Failed)
-        .collect();
+fn filled(
+    map_name: &str,
+    queries: &[LocalizedQuery],
+    sealed: &[Option<SealedQuery>],
+    map: &MapFile,
+) -> LocalizationReport {
+    let answered: Vec<(&LocalizedQuery, Option<&SealedQuery>)> =
+        queries.iter().zip(sealed.iter().map(Option::as_ref)).filter(|(query, _)| query.is_valid()).collect();
     let mut run = LocalizationReport {
         title: "Where the queries were taken".to_owned(),
         lead: format!(
-            "{} sealed queries localized in {}: {} have a pose.",
+            "{} sealed queries localized in {map_name}: {} have a pose.",
             answered.len(),
-            document.map,
-            document.localized
+            StateCounts::of(queries).with_pose()
         ),
         unit: html::unit_of(map),
         scenes: vec![SceneView::of_map("", map)],
         facts: html::facts(None),
         ..LocalizationReport::default()
     };
-    let size = format!("{}: {} images, {} points", document.map, map.image_count(), map.point_count());
+    let size = format!("{map_name}: {} images, {} points", map.image_count(), map.point_count());
     run.facts.push(("Map".to_owned(), size));
     for (query, sealed) in answered {
         let scheme = sealed.map(|sealed| sealed.scheme().to_string()).unwrap_or_default();
@@ -114,23 +114,31 @@ fn filled(document: &LocalizeDocument, sealed: &[Option<SealedQuery>], map: &Map
     run
 }
 
-fn outcome(query: &QueryDocument, sealed: Option<&SealedQuery>, method: usize) -> QueryOutcome {
-    let error = query.error.as_ref().map(|error| error.message().to_owned());
-    let doubts = (!query.doubts.is_empty()).then(|| query.doubts.join("; "));
-    QueryOutcome {
+fn outcome(query: &LocalizedQuery, sealed: Option<&SealedQuery>, method: usize) -> QueryOutcome {
+    let mut outcome = QueryOutcome {
         method,
         name: query.file.clone(),
-        estimate: query.cam_from_world.as_ref().and_then(veiloc_evaluation::results::PoseDocument::pose),
-        state: State::ALL.into_iter().find(|state| name_of(*state) == query.state),
-        position_sd: query.position_sd,
-        rotation_sd_deg: query.covariance.as_ref().map(rotation_sd_degrees),
-        inliers: query.inliers,
-        matches: query.matches,
+        state: Some(State::NotFound),
         bytes: sealed.map(|sealed| sealed.encode().len()),
-        ms: (!query.ms.is_empty()).then(|| query.ms.values().sum()),
-        remark: error.or(doubts),
+        remark: query.reason(),
         ..QueryOutcome::default()
+    };
+    let Some(answer) = query.answer() else { return outcome };
+    let pose = answer.pose.as_ref();
+    let times = &answer.times;
+    outcome.state = Some(match answer.state() {
+        AnswerState::Trusted => State::Trusted,
+        AnswerState::Doubtful => State::Doubtful,
+    });
+    outcome.estimate = pose.and_then(AnswerPose::cam_from_world);
+    outcome.position_sd = pose.map(AnswerPose::position_sd);
+    outcome.rotation_sd_deg = pose.map(AnswerPose::rotation_sd_deg);
+    (outcome.inliers, outcome.matches) = (answer.inliers as usize, answer.matches as usize);
+    outcome.ms = Some(times.retrieve_ms + times.match_ms + times.pose_ms);
+    if outcome.remark.is_none() && !answer.trusted() {
+        outcome.remark = Some(doubts(answer));
     }
+    outcome
 }
 
 /// Finds the image of a sealed query: the longest suffix of its path that exists in the folder.

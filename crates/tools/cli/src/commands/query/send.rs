@@ -16,11 +16,11 @@ use super::session;
 use crate::args::camera::{CameraArg, warn_of_turned};
 use crate::args::progressive_args::ProgressiveArgs;
 use crate::commands::device_args::DeviceArgs;
+use crate::commands::localize::document::answer_line;
 use crate::commands::mask_args::MaskArgs;
 use crate::commands::seal::GIVE_CAMERA;
 use crate::commands::session_args::{self, SessionArgs};
 use crate::output::exit::{Exit, Failure, Outcome};
-use crate::output::position::position;
 use crate::output::ui::Ui;
 
 /// Seal one image, send it, and print the pose.
@@ -92,9 +92,9 @@ pub(crate) fn run(args: &Args, ui: &Arc<Ui>) -> Outcome {
         (None, None) => return Err(Failure::refused("neither an image nor a session is given")),
     };
     if args.json {
-        ui.json(&Document { answer: AnswerDocument::new(&args.map, &answer), steps })?;
+        ui.json(&Document { answer: AnswerDocument::new(&answer), steps })?;
     } else {
-        ui.print(line(&answer));
+        ui.print(answer_line(&answer) + "\n");
     }
     Ok(match (answer.state(), &answer.pose) {
         (AnswerState::Trusted, _) => Exit::Success,
@@ -115,7 +115,6 @@ struct QueryResponse {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(crate) struct Document {
     #[serde(flatten)]
-    #[cfg_attr(feature = "schema", schemars(schema_with = "crate::json_reference::answer_schema"))]
     answer: AnswerDocument,
     /// The messages that were sent; absent without `--progressive`.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -208,21 +207,4 @@ fn send(
     let document =
         |step: &Step| StepDocument { rows: step.rows, bytes: step.bytes, state: step.outcome.name() };
     Ok(QueryResponse { answer: found.answer, steps: Some(found.steps.iter().map(document).collect()) })
-}
-
-fn line(answer: &Answer) -> String {
-    let times = &answer.times;
-    let total = times.queue_ms + times.retrieve_ms + times.match_ms + times.pose_ms;
-    let position = answer
-        .pose
-        .as_ref()
-        .map_or_else(|| "its pose is withheld".to_owned(), |pose| position(pose.center, pose.position_sd()));
-    let doubts: Vec<&str> = answer.doubts.iter().map(|doubt| doubt.text.as_str()).collect();
-    let doubts = if answer.trusted { String::new() } else { format!("  {}", doubts.join("; ")) };
-    format!(
-        "{}  {position}  {} of {} matches agree  {total:.0} ms{doubts}\n",
-        answer.state(),
-        answer.inliers,
-        answer.matches
-    )
 }

@@ -57,6 +57,7 @@ class Localizer(private val server: String, private val map: String, private val
             }
             misses = 0u
             val answer = Answer(body)
+            burst.learnUnit(answer)
             // The answer is about the newest frame.
             return Result(answer, alignment.add(answer, it.cameraInWorld(Axes.OPEN_GL)), words(it, answer))
         }
