@@ -28,7 +28,9 @@ test("errors have a kind, and the library stays usable", async () => {
     [{ op: "profile" }, new Uint8Array(9), "profile"],
     [{ op: "no" }, new Uint8Array(), "call"],
     [{ op: "step", query: 1, rows: 256 }, new Uint8Array(), "gone"],
-    [{ op: "seal", profile: 1, width: 4, height: 4 }, new Uint8Array(96), "gone"],
+    [{ op: "sealer", profile: 1 }, new Uint8Array(), "gone"],
+    [{ op: "extract", sealer: 1, width: 4, height: 4 }, new Uint8Array(64), "gone"],
+    [{ op: "seal", sealer: 1, extracted: 2 }, new Uint8Array(32), "gone"],
   ]) {
     assert.throws(() => core.call(head, bytes), (error) => error instanceof VeilocError && error.kind === kind, kind);
   }

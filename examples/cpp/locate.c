@@ -33,6 +33,7 @@ static uint8_t *read_pgm(const char *path, uint32_t *width, uint32_t *height) {
 
 int main(int argc, char **argv) {
   VeilocProfile *profile = NULL;
+  VeilocSealer *sealer = NULL;
   VeilocSession *session = NULL;
   VeilocBurst *burst = NULL;
   VeilocAlignment *alignment = NULL;
@@ -67,6 +68,8 @@ int main(int argc, char **argv) {
   }
   if (veiloc_profile_new(reply, length, &profile) != VEILOC_STATUS_OK) return failed("the profile");
   free(reply);
+  if (veiloc_sealer_new(profile, NULL, &sealer) != VEILOC_STATUS_OK) return failed("the sealer");
+  veiloc_profile_free(profile);
   if (veiloc_session_new(NULL, &session) != VEILOC_STATUS_OK) return failed("the session");
   if (veiloc_burst_new(NULL, &burst) != VEILOC_STATUS_OK) return failed("the burst");
   if (veiloc_alignment_new(0, &alignment) != VEILOC_STATUS_OK) return failed("the alignment");
@@ -100,7 +103,7 @@ int main(int argc, char **argv) {
     free(pixels); /* A copy is kept until it is sealed. */
     if (status != VEILOC_STATUS_OK) return failed("a frame");
     if (veiloc_burst_frames(burst) < 3) continue;
-    status = veiloc_burst_seal(burst, profile, session, NULL, &sealed);
+    status = veiloc_burst_seal(burst, sealer, session, NULL, &sealed);
     if (status != VEILOC_STATUS_OK) {
       /* Nothing was sent: the next burst costs nothing. */
       printf("%d not sealed: %s\n", i - 7, veiloc_last_error());
@@ -148,6 +151,6 @@ int main(int argc, char **argv) {
   veiloc_alignment_free(alignment);
   veiloc_burst_free(burst);
   veiloc_session_free(session);
-  veiloc_profile_free(profile);
+  veiloc_sealer_free(sealer);
   return info.state == VEILOC_ALIGNMENT_STATE_ALIGNED ? 0 : 1;
 }

@@ -34,7 +34,7 @@ static int run(int argc, char **argv) {
 
   veiloc::Bytes reply;
   if (request(map + "/profile", {}, reply) != 200) throw std::runtime_error("no profile of this map");
-  const auto profile = veiloc::profile(reply);
+  const auto sealer = veiloc::sealer(veiloc::profile(reply));
   auto session = veiloc::session();
   const auto burst = veiloc::burst();
   const auto alignment = veiloc::alignment();
@@ -62,7 +62,7 @@ static int run(int argc, char **argv) {
     if (veiloc_burst_frames(burst.get()) < 3) continue;
     veiloc::SealedBurst sealed;
     try {
-      sealed = veiloc::seal(burst, profile, session);
+      sealed = veiloc::seal(burst, sealer, session);
     } catch (const veiloc::Error &error) {
       std::cout << i - 7 << " not sealed: " << error.what() << "\n";
       continue;

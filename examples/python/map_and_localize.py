@@ -20,11 +20,13 @@ def main(folder: Path) -> list[float]:
     veiloc.Map.build(posed, folder, self_test=False).save(folder / "room.vmap")
     room = veiloc.Map.open(folder / "room.vmap")
     print(room)
+    # The device needs the map's profile, which holds no map data.
+    sealer = veiloc.Sealer(room.profile)
 
     errors = []
     for name, camera, truth in queries:
-        # The device needs the map's profile, which holds no map data. Only these bytes leave the device.
-        query = veiloc.seal(folder / name, camera, room.profile)
+        # Only these bytes leave the device.
+        query = sealer.seal(sealer.extract(folder / name, camera))
         # The operator.
         try:
             answer = room.localize(query)

@@ -54,10 +54,11 @@ def room(folder: Path) -> None:
     log_map(place)
     # All images of the room have one camera.
     known = next(iter(place.cameras.values()))
+    sealer = veiloc.Sealer(place.profile)
     for number, (name, camera, _) in enumerate(queries):
         rr.set_time("query", sequence=number)
         try:
-            answer = place.localize(veiloc.seal(folder / name, camera, place.profile))
+            answer = place.localize(sealer.seal(sealer.extract(folder / name, camera)))
         except veiloc.NotLocalizedError as why:
             rr.log("log", rr.TextLog(f"{name}: {why}"))
             continue

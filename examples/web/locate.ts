@@ -17,9 +17,9 @@ export async function* locate(video: HTMLVideoElement, camera: string | null, se
   const sensors = await watchOrientation();
   try {
     // Frames of one scene share a session; otherwise their lines intersect at the keypoints.
-    const session = await device.session();
+    const sealer = (await device.sealer({ maxKeypoints: 1024 })).inSession(await device.session());
     while (!signal.aborted) {
-      const seal = () => device.sealed(video, camera, { session, attitude: sensors.now(), maxKeypoints: 1024 });
+      const seal = async () => sealer.seal(await sealer.extract(video, camera, { attitude: sensors.now() }));
       const answer = await localize(client, map, seal, signal);
       if (answer?.state === "trusted" && answer.center && answer.position_sd != null) {
         yield { center: answer.center, sd: answer.position_sd };

@@ -135,8 +135,9 @@ def main():
             if service.poll() is not None:
                 sys.exit((work / "log").read_text())
         profile_bytes = (work / "profile").read_bytes()
-        profile, session, alignment = pointer(), pointer(), pointer()
+        profile, sealer, session, alignment = pointer(), pointer(), pointer(), pointer()
         call("veiloc_profile_new", profile_bytes, ctypes.c_size_t(len(profile_bytes)), ctypes.byref(profile))
+        call("veiloc_sealer_new", profile, None, ctypes.byref(sealer))
         call("veiloc_session_new", None, ctypes.byref(session))
         call("veiloc_alignment_new", 1.0, ctypes.byref(alignment))
         camera = Camera(model=words[0].encode(), width=int(words[1]), height=int(words[2]), param_count=len(words) - 3)
@@ -145,12 +146,16 @@ def main():
         for i, name in enumerate(names):
             pixels = (work / f"frames/{i}.rgba").read_bytes()
             frame = Frame(bytes=pixels, length=len(pixels), format=1, width=camera.width, height=camera.height)
-            query, sent, pose = pointer(), Bytes(), colmap_pose(tracking[name])
+            extracted, query, sent, pose = pointer(), pointer(), Bytes(), colmap_pose(tracking[name])
             try:
-                call("veiloc_seal", profile, None, ctypes.byref(frame), ctypes.byref(camera), None, 3, ctypes.byref(pose), ctypes.byref(query))
+                call("veiloc_sealer_extract", sealer, ctypes.byref(frame), ctypes.byref(camera), 3, ctypes.byref(pose), None,
+                     ctypes.byref(extracted))
+                call("veiloc_sealer_seal", sealer, None, extracted, ctypes.byref(query))
             except RuntimeError:
                 answers.append(None)
                 continue
+            finally:
+                library.veiloc_extracted_free(extracted)
             call("veiloc_query_bytes", query, 0, ctypes.byref(sent))
             connection = http.client.HTTPConnection("127.0.0.1", port)
             connection.request("POST", "/v1/maps/place/localize", bytes(sent.data[:sent.length]),

@@ -180,10 +180,11 @@ async function main() {
     const client = new Client(location.origin);
     const device = await load(await client.profile("demo"));
     const session = await device.session();
+    const sealer = (await device.sealer()).inSession(session);
     const found = [];
     for (const view of views) {
       const blob = await (await fetch(`/page/${view.file}`)).blob();
-      const sealed = await device.sealed(blob, view.camera, { session, attitude: { orientation: poses[view.file].q } });
+      const sealed = await sealer.seal(await sealer.extract(blob, view.camera, { attitude: { orientation: poses[view.file].q } }));
       const { answer, steps } = await client.localizeProgressive("demo", sealed);
       found.push({ name: view.file, trusted: answer.state === "trusted", center: answer.center, sd: answer.position_sd, steps: steps.length, frames: sealed.frames, starts: sealed.starts });
     }

@@ -121,6 +121,7 @@ async function sealInPage({ view, seed }) {
   const core = await Core.load(fetch("/page/veiloc.wasm"));
   const profile = new Uint8Array(await (await fetch("/v1/maps/demo/profile")).arrayBuffer());
   const { head: stored } = core.call({ op: "profile" }, profile);
+  const { sealer } = core.call({ op: "sealer", profile: stored.profile }, new Uint8Array()).head;
   const blob = await (await fetch(`/page/${view.file}`)).blob();
   const bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
   const { width, height } = bitmap;
@@ -131,7 +132,8 @@ async function sealInPage({ view, seed }) {
   let sealed;
   for (let round = 0; round < 6; round += 1) {
     const began = performance.now();
-    sealed = core.call({ op: "seal", profile: stored.profile, width, height, camera: view.camera }, Uint8Array.from(seed), data);
+    const { extracted } = core.call({ op: "extract", sealer, width, height, camera: view.camera }, data).head;
+    sealed = core.call({ op: "seal", sealer, extracted }, Uint8Array.from(seed));
     best = Math.min(best, performance.now() - began);
   }
   const hash = await crypto.subtle.digest("SHA-256", sealed.bytes);

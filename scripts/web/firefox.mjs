@@ -69,7 +69,8 @@ async function main() {
     const client = new Client(location.origin);
     const device = await load(await client.profile("demo"));
     const blob = await (await fetch(`/page/${view.file}`)).blob();
-    const sealed = await device.sealed(blob, view.camera);
+    const sealer = await device.sealer();
+    const sealed = await sealer.seal(await sealer.extract(blob, view.camera));
     const { answer, steps } = await client.localizeProgressive("demo", sealed);
     const { medianPx, priorMedianPx } = await sealed.attack("prior");
     device.close();

@@ -16,9 +16,9 @@ use std::path::Path;
 
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng as _;
-use veiloc_features::{guessed_camera, load_gray};
+use veiloc_features::{Image, guessed_camera, load_gray};
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{SealOptions, extract, seal};
+use veiloc_obfuscation::{SealOptions, Sealer};
 use veiloc_protocol::Profile;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -26,8 +26,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [profile, camera, out, images @ ..] = arguments.as_slice() else {
         return Err("reference PROFILE CAMERA OUT IMAGE…".into());
     };
-    let (profile, out, options) =
-        (Profile::decode(&std::fs::read(profile)?)?, Path::new(out), SealOptions::default());
+    let sealer = Sealer::new(&Profile::decode(&std::fs::read(profile)?)?, SealOptions::default())?;
+    let out = Path::new(out);
     std::fs::create_dir_all(out)?;
     let mut list = String::new();
     for (i, image) in images.iter().map(Path::new).enumerate() {
@@ -41,9 +41,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         let mut pgm = format!("P5\n{} {}\n255\n", gray.width(), gray.height()).into_bytes();
         pgm.extend(gray.data().iter().map(|sample| (sample * 255.0).round() as u8));
         std::fs::write(out.join(format!("{i}.pgm")), pgm)?;
-        let (features, own) = extract(image, &camera, &profile, &options)?;
-        let mut rng = ChaCha20Rng::from_seed([i as u8; 32]);
-        let query = seal(features, &own, &profile, &options, &mut rng)?;
+        let extracted = sealer.extract(Image::open(image)?, camera)?;
+        let query = sealer.seal(extracted, &mut ChaCha20Rng::from_seed([i as u8; 32]))?;
         std::fs::write(out.join(format!("{i}.query")), query.encode())?;
         write!(list, "{i} {} {} {}", camera.width, camera.height, camera.model.name())?;
         camera.model.params().iter().try_for_each(|p| write!(list, " {p}"))?;

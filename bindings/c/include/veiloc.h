@@ -148,8 +148,11 @@ typedef struct VeilocAnswer VeilocAnswer;
 // It copies the gray bytes of the frames that it keeps: at most `frames` times width times height.
 typedef struct VeilocBurst VeilocBurst;
 
-// A request to stop. Unlike other handles, any thread may use it while another seals with it.
+// A request to stop. Unlike other handles, any thread may use it while another extracts with it.
 typedef struct VeilocCancellation VeilocCancellation;
+
+// The features of a frame, until they are sealed. They hold positions of keypoints, and are never sent.
+typedef struct VeilocExtracted VeilocExtracted;
 
 // What a device needs to seal for a map.
 typedef struct VeilocProfile VeilocProfile;
@@ -159,6 +162,9 @@ typedef struct VeilocQuery VeilocQuery;
 
 // A burst that was sealed.
 typedef struct VeilocSealedBurst VeilocSealedBurst;
+
+// Seals frames for one map. Unlike other handles, several threads may use it at once.
+typedef struct VeilocSealer VeilocSealer;
 
 // Frames of one place, sealed so that their lines do not cross in the keypoints.
 typedef struct VeilocSession VeilocSession;
@@ -290,7 +296,17 @@ typedef struct VeilocCamera {
   uint32_t focal;
 } VeilocCamera;
 
-// How a frame is sealed: the device's choice. All zeros are the defaults.
+// What is known about a burst that was sealed.
+typedef struct VeilocSealedBurstInfo {
+  // Frames that were sealed.
+  uint32_t frames;
+  // Frames that could not be sealed.
+  uint32_t left_out;
+  // The newest frame that was sealed, for `veiloc_advice`. It has no steps.
+  struct VeilocQueryInfo newest;
+} VeilocSealedBurstInfo;
+
+// How frames are sealed: the device's choice. All zeros are the defaults.
 typedef struct VeilocOptions {
   // `dcl` (also for null), its layouts, `random-lines` or `coordinate-permutation`.
   const char *scheme;
@@ -303,19 +319,7 @@ typedef struct VeilocOptions {
   // The direction of gravity is sent, rounded to about a degree, where the pose of the camera is known, unless this is
   // true. Set it for a world whose vertical is not gravity, unlike those of ARKit and ARCore.
   bool without_gravity;
-  // A request that another thread may make to stop the call; null for none.
-  const struct VeilocCancellation *cancellation;
 } VeilocOptions;
-
-// What is known about a burst that was sealed.
-typedef struct VeilocSealedBurstInfo {
-  // Frames that were sealed.
-  uint32_t frames;
-  // Frames that could not be sealed.
-  uint32_t left_out;
-  // The newest frame that was sealed, for `veiloc_advice`. It has no steps.
-  struct VeilocQueryInfo newest;
-} VeilocSealedBurstInfo;
 
 // Counts of a session.
 typedef struct VeilocSessionInfo {
@@ -442,13 +446,13 @@ uint32_t veiloc_burst_frames(const struct VeilocBurst *burst);
 void veiloc_burst_clear(const struct VeilocBurst *burst);
 
 // Seals the frames in the session of their place, and forgets them. A frame that cannot be sealed is left out.
-// `options`: null for the defaults.
+// `cancellation`: as for `veiloc_sealer_extract`.
 //
 // Fails when no frame can be sealed; the session has not changed then, and the frames are gone.
 enum VeilocStatus veiloc_burst_seal(const struct VeilocBurst *burst,
-                                    const struct VeilocProfile *profile,
+                                    const struct VeilocSealer *sealer,
                                     struct VeilocSession *session,
-                                    const struct VeilocOptions *seal_options,
+                                    const struct VeilocCancellation *cancellation,
                                     struct VeilocSealedBurst **out);
 
 // Frees a burst.
@@ -503,41 +507,8 @@ enum VeilocStatus veiloc_profile_new(const uint8_t *bytes, size_t length, struct
 // profile that was made for one device. Valid as long as the profile; null for null.
 const char *veiloc_profile_id(const struct VeilocProfile *profile);
 
-// Frees a profile. Queries that were sealed with it stay usable.
+// Frees a profile. Sealers that were made with it stay usable.
 void veiloc_profile_free(struct VeilocProfile *profile);
-
-// Seals a frame.
-//
-// - `session`: null for a frame of its own. Frames of one place belong to one session.
-// - `camera`: null for a guessed focal length.
-// - `options`: null for the defaults.
-// - `camera_in_world`: the pose of the camera when it took the frame, in `pose_axes` (a `VeilocAxes`); null when it
-//   is not known. It stays on the device, except for gravity (`VeilocOptions`).
-//
-// Fails with `Unbalanced` when the query could not determine a pose; the session has not changed then, and another
-// frame costs nothing.
-enum VeilocStatus veiloc_seal(const struct VeilocProfile *profile,
-                              struct VeilocSession *session,
-                              const struct VeilocFrame *frame,
-                              const struct VeilocCamera *camera,
-                              const struct VeilocOptions *options,
-                              uint32_t pose_axes,
-                              const struct VeilocPose *camera_in_world,
-                              struct VeilocQuery **out);
-
-#if defined(VEILOC_SEEDED)
-// As `veiloc_seal`, with 32 bytes of randomness: for tests that compare queries. A query whose seed is known hides
-// nothing.
-enum VeilocStatus veiloc_seal_seeded(const struct VeilocProfile *profile,
-                                     struct VeilocSession *session,
-                                     const struct VeilocFrame *frame,
-                                     const struct VeilocCamera *camera,
-                                     const struct VeilocOptions *options,
-                                     uint32_t pose_axes,
-                                     const struct VeilocPose *camera_in_world,
-                                     const uint8_t *seed,
-                                     struct VeilocQuery **out);
-#endif
 
 // What is known about a query; zeros for null.
 struct VeilocQueryInfo veiloc_query_info(const struct VeilocQuery *query);
@@ -564,6 +535,52 @@ enum VeilocStatus veiloc_rig_bytes(const struct VeilocQuery *const *queries,
                                    double rotation_sd_deg,
                                    double translation_sd,
                                    struct VeilocBytes *out);
+
+// Makes a sealer: checks what the profile asks for. `options`: null for the defaults.
+enum VeilocStatus veiloc_sealer_new(const struct VeilocProfile *profile,
+                                    const struct VeilocOptions *sealer_options,
+                                    struct VeilocSealer **out);
+
+// Extracts the features of a frame.
+//
+// - `camera_of_frame`: null for a guessed focal length.
+// - `camera_in_world`: the pose of the camera when it took the frame, in `pose_axes` (a `VeilocAxes`); null when it
+//   is not known. It stays on the device, except for gravity (`VeilocOptions`).
+// - `cancellation`: a request that another thread may make to stop the call; null for none.
+enum VeilocStatus veiloc_sealer_extract(const struct VeilocSealer *sealer,
+                                        const struct VeilocFrame *frame,
+                                        const struct VeilocCamera *camera_of_frame,
+                                        uint32_t pose_axes,
+                                        const struct VeilocPose *camera_in_world,
+                                        const struct VeilocCancellation *cancellation,
+                                        struct VeilocExtracted **out);
+
+// Seals the features of a frame, once: they are used up then, also when it fails. The handle is still to be freed.
+//
+// `session`: null for a frame of its own. Frames of one place belong to one session.
+//
+// Fails with `Unbalanced` when the query could not determine a pose. The session has not changed after any error, so
+// another frame costs nothing.
+enum VeilocStatus veiloc_sealer_seal(const struct VeilocSealer *sealer,
+                                     struct VeilocSession *session,
+                                     struct VeilocExtracted *extracted,
+                                     struct VeilocQuery **out);
+
+#if defined(VEILOC_SEEDED)
+// As `veiloc_sealer_seal`, with 32 bytes of randomness: for tests that compare queries. A query whose seed is known
+// hides nothing.
+enum VeilocStatus veiloc_sealer_seal_seeded(const struct VeilocSealer *sealer,
+                                            struct VeilocSession *session,
+                                            struct VeilocExtracted *extracted,
+                                            const uint8_t *seed,
+                                            struct VeilocQuery **out);
+#endif
+
+// Frees a sealer. Queries that it sealed stay usable.
+void veiloc_sealer_free(struct VeilocSealer *sealer);
+
+// Frees the features of a frame.
+void veiloc_extracted_free(struct VeilocExtracted *extracted);
 
 // Begins a session. `anchors`: `world` (also for null), `gravity` or `image`.
 enum VeilocStatus veiloc_session_new(const char *anchors, struct VeilocSession **out);

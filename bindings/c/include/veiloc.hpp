@@ -27,6 +27,8 @@ inline void check(VeilocStatus status) {
 /// The deleters of all handles.
 struct Free {
   void operator()(VeilocProfile *handle) const { veiloc_profile_free(handle); }
+  void operator()(VeilocSealer *handle) const { veiloc_sealer_free(handle); }
+  void operator()(VeilocExtracted *handle) const { veiloc_extracted_free(handle); }
   void operator()(VeilocSession *handle) const { veiloc_session_free(handle); }
   void operator()(VeilocQuery *handle) const { veiloc_query_free(handle); }
   void operator()(VeilocBurst *handle) const { veiloc_burst_free(handle); }
@@ -37,6 +39,9 @@ struct Free {
 };
 
 using Profile = std::unique_ptr<VeilocProfile, Free>;
+/// Several threads may use it at once.
+using Sealer = std::unique_ptr<VeilocSealer, Free>;
+using Extracted = std::unique_ptr<VeilocExtracted, Free>;
 using Session = std::unique_ptr<VeilocSession, Free>;
 using Query = std::unique_ptr<VeilocQuery, Free>;
 /// `veiloc_burst_frames` and `veiloc_burst_clear` from any thread.
@@ -45,7 +50,7 @@ using Burst = std::unique_ptr<VeilocBurst, Free>;
 using SealedBurst = std::unique_ptr<VeilocSealedBurst, Free>;
 using Answer = std::unique_ptr<VeilocAnswer, Free>;
 using Alignment = std::unique_ptr<VeilocAlignment, Free>;
-/// For `VeilocOptions::cancellation`; `veiloc_cancel` from any thread.
+/// `veiloc_cancel` from any thread.
 using Cancellation = std::unique_ptr<VeilocCancellation, Free>;
 using Bytes = std::vector<uint8_t>;
 
@@ -79,12 +84,26 @@ inline Bytes to_bytes(const Session &session) {
   return taken(bytes);
 }
 
-/// `session`, `camera`, `options` and `camera_in_world` may be null.
-inline Query seal(const Profile &profile, VeilocSession *session, const VeilocFrame &frame, const VeilocCamera *camera,
-                  VeilocAxes axes = VEILOC_AXES_OPEN_GL, const VeilocPose *camera_in_world = nullptr,
-                  const VeilocOptions *options = nullptr) {
+/// `options` may be null.
+inline Sealer sealer(const Profile &profile, const VeilocOptions *options = nullptr) {
+  VeilocSealer *handle = nullptr;
+  check(veiloc_sealer_new(profile.get(), options, &handle));
+  return Sealer(handle);
+}
+
+/// `camera`, `camera_in_world` and `cancellation` may be null.
+inline Extracted extract(const Sealer &sealer, const VeilocFrame &frame, const VeilocCamera *camera,
+                         VeilocAxes axes = VEILOC_AXES_OPEN_GL, const VeilocPose *camera_in_world = nullptr,
+                         const VeilocCancellation *cancellation = nullptr) {
+  VeilocExtracted *handle = nullptr;
+  check(veiloc_sealer_extract(sealer.get(), &frame, camera, axes, camera_in_world, cancellation, &handle));
+  return Extracted(handle);
+}
+
+/// `session` may be null. The features are used up.
+inline Query seal(const Sealer &sealer, VeilocSession *session, Extracted extracted) {
   VeilocQuery *handle = nullptr;
-  check(veiloc_seal(profile.get(), session, &frame, camera, options, axes, camera_in_world, &handle));
+  check(veiloc_sealer_seal(sealer.get(), session, extracted.get(), &handle));
   return Query(handle);
 }
 
@@ -113,11 +132,11 @@ inline void offer(const Burst &burst, const VeilocFrame &frame, const VeilocCame
   check(veiloc_burst_offer(burst.get(), &frame, camera, axes, &camera_in_world, timestamp));
 }
 
-/// `options` may be null.
-inline SealedBurst seal(const Burst &burst, const Profile &profile, const Session &session,
-                        const VeilocOptions *options = nullptr) {
+/// `cancellation` may be null.
+inline SealedBurst seal(const Burst &burst, const Sealer &sealer, const Session &session,
+                        const VeilocCancellation *cancellation = nullptr) {
   VeilocSealedBurst *handle = nullptr;
-  check(veiloc_burst_seal(burst.get(), profile.get(), session.get(), options, &handle));
+  check(veiloc_burst_seal(burst.get(), sealer.get(), session.get(), cancellation, &handle));
   return SealedBurst(handle);
 }
 

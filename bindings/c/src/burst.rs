@@ -8,10 +8,11 @@ use veiloc_obfuscation::device_rng;
 use crate::answer::VeilocAnswer;
 use crate::bytes::VeilocBytes;
 use crate::camera::{VeilocCamera, VeilocFrame, camera};
+use crate::cancellation::VeilocCancellation;
 use crate::pointers;
 use crate::pose::{VeilocPose, axes};
-use crate::profile::VeilocProfile;
-use crate::query::{VeilocOptions, VeilocQueryInfo, options};
+use crate::query::VeilocQueryInfo;
+use crate::sealer::VeilocSealer;
 use crate::session::VeilocSession;
 use crate::status::{Failure, VeilocStatus, guarded};
 
@@ -160,32 +161,33 @@ pub unsafe extern "C" fn veiloc_burst_clear(burst: *const VeilocBurst) {
 }
 
 /// Seals the frames in the session of their place, and forgets them. A frame that cannot be sealed is left out.
-/// `options`: null for the defaults.
+/// `cancellation`: as for `veiloc_sealer_extract`.
 ///
 /// Fails when no frame can be sealed; the session has not changed then, and the frames are gone.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn veiloc_burst_seal(
     burst: *const VeilocBurst,
-    profile: *const VeilocProfile,
+    sealer: *const VeilocSealer,
     session: *mut VeilocSession,
-    seal_options: *const VeilocOptions,
+    cancellation: *const VeilocCancellation,
     out: *mut *mut VeilocSealedBurst,
 ) -> VeilocStatus {
     guarded(|| {
         // SAFETY: the contract of the crate; the same for the others.
         let burst = unsafe { pointers::reference(burst, "burst") }?;
         // SAFETY: as above.
-        let profile = &unsafe { pointers::reference(profile, "profile") }?.profile;
+        let sealer = &unsafe { pointers::reference(sealer, "sealer") }?.sealer;
         // SAFETY: as above.
         let session = &mut unsafe { pointers::mutable(session, "session") }?.session;
         // SAFETY: as above.
-        let options = unsafe { options(seal_options) }?;
+        let cancellation = unsafe { pointers::optional(cancellation) };
+        let stop = cancellation.map(|cancellation| cancellation.stop.clone()).unwrap_or_default();
         if out.is_null() {
             return Err(Failure::new(VeilocStatus::Argument, "out is null"));
         }
         // The camera goes on while this thread seals.
         let mut taken = burst.locked().take();
-        let sealed = taken.seal(session, profile, &options, &mut device_rng()?)?;
+        let sealed = taken.seal(sealer, session, &stop, &mut device_rng()?)?;
         // SAFETY: as above.
         unsafe { pointers::give_handle(out, VeilocSealedBurst { sealed }) }
     })

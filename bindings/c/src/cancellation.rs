@@ -1,11 +1,11 @@
-//! Stopping a call to `veiloc_seal` from another thread.
+//! Stopping an extraction from another thread.
 
 use veiloc_geometry::Stop;
 
 use crate::pointers;
 use crate::status::{VeilocStatus, guarded};
 
-/// A request to stop. Unlike other handles, any thread may use it while another seals with it.
+/// A request to stop. Unlike other handles, any thread may use it while another extracts with it.
 #[derive(Default)]
 pub struct VeilocCancellation {
     pub(crate) stop: Stop,

@@ -35,5 +35,6 @@ mod pointers;
 pub mod pose;
 pub mod profile;
 pub mod query;
+pub mod sealer;
 pub mod session;
 pub mod status;

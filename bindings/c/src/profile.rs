@@ -38,7 +38,7 @@ pub unsafe extern "C" fn veiloc_profile_id(profile: *const VeilocProfile) -> *co
     unsafe { pointers::optional(profile) }.map_or(std::ptr::null(), |profile| profile.id.as_ptr())
 }
 
-/// Frees a profile. Queries that were sealed with it stay usable.
+/// Frees a profile. Sealers that were made with it stay usable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn veiloc_profile_free(profile: *mut VeilocProfile) {
     // SAFETY: the contract of the crate.

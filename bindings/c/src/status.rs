@@ -5,7 +5,7 @@ use std::ffi::{CString, c_char};
 use std::fmt::Display;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use veiloc_ar::{BurstError, FrameError};
+use veiloc_ar::BurstError;
 use veiloc_obfuscation::{SealError, SealErrorKind};
 
 /// What an app does about an error.
@@ -59,6 +59,7 @@ impl From<SealError> for Failure {
         let status = match error.kind() {
             SealErrorKind::Image => VeilocStatus::Image,
             SealErrorKind::Texture => VeilocStatus::Texture,
+            SealErrorKind::Unbalanced => VeilocStatus::Unbalanced,
             SealErrorKind::Session => VeilocStatus::Session,
             SealErrorKind::TooManyStarts => VeilocStatus::TooManyStarts,
             SealErrorKind::TurnedAway => VeilocStatus::TurnedAway,
@@ -66,15 +67,6 @@ impl From<SealError> for Failure {
             _ => VeilocStatus::Seal,
         };
         Self::new(status, error)
-    }
-}
-
-impl From<FrameError> for Failure {
-    fn from(error: FrameError) -> Self {
-        match error {
-            FrameError::Seal(error) => error.into(),
-            FrameError::Unbalanced(error) => Self::new(VeilocStatus::Unbalanced, error),
-        }
     }
 }
 

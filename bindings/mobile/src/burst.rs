@@ -2,17 +2,15 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use veiloc_ar::SealedCameraFrame;
-use veiloc_geometry::Stop;
 use veiloc_obfuscation::device_rng;
 
 use crate::answer::Answer;
 use crate::camera::{Camera, FrameLayout, known_camera};
-use crate::cancellation::Cancellation;
+use crate::cancellation::{Cancellation, stop_of};
 use crate::error::VeilocException;
 use crate::pose::{Axes, CameraPose};
-use crate::profile::Profile;
-use crate::query::{Query, SealOptions};
+use crate::query::Query;
+use crate::sealer::Sealer;
 use crate::session::Session;
 
 /// Which frames a burst keeps, and how exact their poses are.
@@ -49,7 +47,7 @@ pub struct Burst {
 #[derive(uniffi::Object)]
 pub struct SealedBurst {
     sealed: veiloc_ar::SealedBurst,
-    profile: Arc<Profile>,
+    sealer: Arc<Sealer>,
 }
 
 impl Burst {
@@ -88,7 +86,7 @@ impl Burst {
     /// Takes a frame of the camera if it is the sharpest of its part of the window so far, and returns whether it did.
     /// Offer every frame while the AR framework tracks the camera.
     ///
-    /// - `bytes`, `layout`, `camera`: as for `seal`.
+    /// - `bytes`, `layout`, `camera`: as for `Sealer.extract`.
     /// - `camera_in_world`: the pose of the camera when it took the frame.
     /// - `timestamp`: seconds of any clock that does not jump, when the camera took the frame.
     ///
@@ -122,20 +120,18 @@ impl Burst {
     ///
     /// # Errors
     /// [`VeilocException`] when no frame can be sealed; the session has not changed then, and the frames are gone.
-    #[uniffi::method(default(options = None, cancellation = None))]
+    #[uniffi::method(default(cancellation = None))]
     pub fn seal(
         &self,
-        profile: Arc<Profile>,
+        sealer: Arc<Sealer>,
         session: Arc<Session>,
-        options: Option<SealOptions>,
         cancellation: Option<Arc<Cancellation>>,
     ) -> Result<Arc<SealedBurst>, VeilocException> {
-        let stop: Stop = cancellation.map(|cancellation| cancellation.stop.clone()).unwrap_or_default();
-        let options = options.unwrap_or_default().lowered()?.with_stop(&stop);
         // The camera goes on while this thread seals.
         let mut taken = self.locked().take();
-        let sealed = taken.seal(&mut session.locked(), &profile.profile, &options, &mut device_rng()?)?;
-        Ok(Arc::new(SealedBurst { sealed, profile }))
+        let mut rng = device_rng()?;
+        let sealed = taken.seal(&sealer.sealer, &mut session.locked(), &stop_of(cancellation), &mut rng)?;
+        Ok(Arc::new(SealedBurst { sealed, sealer }))
     }
 }
 
@@ -167,7 +163,7 @@ impl SealedBurst {
     pub fn newest(&self) -> Option<Arc<Query>> {
         let veiloc_ar::SealedBurst { message, keypoints, brightness, .. } = &self.sealed;
         let query = message.frames.first()?.query.clone();
-        let sealed = SealedCameraFrame { query, keypoints: *keypoints, brightness: *brightness };
-        Some(Arc::new(Query { sealed, profile: Arc::clone(&self.profile) }))
+        let (keypoints, brightness) = (*keypoints as u32, *brightness);
+        Some(Arc::new(Query { sealed: query, sealer: Arc::clone(&self.sealer), keypoints, brightness }))
     }
 }

@@ -1,10 +1,10 @@
-//! Stopping a call to `seal` from another thread.
+//! Stopping an extraction from another thread.
 
 use std::sync::Arc;
 
 use veiloc_geometry::Stop;
 
-/// A request to stop a call to `seal`. In Kotlin, `cancel` it from `invokeOnCompletion` of the coroutine's job.
+/// A request to stop a call to `Sealer.extract` or `Burst.seal`. In Kotlin, `cancel` it from `invokeOnCompletion` of the coroutine's job.
 #[derive(Debug, Default, uniffi::Object)]
 pub struct Cancellation {
     pub(crate) stop: Stop,
@@ -28,4 +28,9 @@ impl Cancellation {
     pub fn is_cancelled(&self) -> bool {
         self.stop.is_set()
     }
+}
+
+/// The flag of a request; one that is never set without a request.
+pub(crate) fn stop_of(cancellation: Option<Arc<Cancellation>>) -> Stop {
+    cancellation.map(|cancellation| cancellation.stop.clone()).unwrap_or_default()
 }

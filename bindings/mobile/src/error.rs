@@ -2,7 +2,7 @@
 
 use std::fmt::Display;
 
-use veiloc_ar::{BurstError, FrameError};
+use veiloc_ar::BurstError;
 use veiloc_obfuscation::{SealError, SealErrorKind};
 
 /// Why a call failed, by what an app does about it.
@@ -56,20 +56,12 @@ impl From<SealError> for VeilocException {
         match error.kind() {
             SealErrorKind::Image => Self::Image(text),
             SealErrorKind::Texture => Self::Texture(text),
+            SealErrorKind::Unbalanced => Self::Unbalanced(text),
             SealErrorKind::Session => Self::SessionBytes(text),
             SealErrorKind::TooManyStarts => Self::TooManyStarts(text),
             SealErrorKind::TurnedAway => Self::TurnedAway(text),
             SealErrorKind::Stopped => Self::Cancelled(text),
             _ => Self::Seal(text),
-        }
-    }
-}
-
-impl From<FrameError> for VeilocException {
-    fn from(error: FrameError) -> Self {
-        match error {
-            FrameError::Seal(error) => error.into(),
-            FrameError::Unbalanced(error) => Self::Unbalanced(error.to_string()),
         }
     }
 }

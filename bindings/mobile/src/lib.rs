@@ -4,7 +4,7 @@
 //! `veiloc-obfuscation`, `veiloc-protocol`) and returns, or throws a [`VeilocException`](error::VeilocException). It
 //! sends nothing: the app sends the bytes with OkHttp or URLSession (`docs/reference/http.md`).
 //!
-//! - Objects may be used from any thread. `seal` takes tens of milliseconds: call it on a background thread. No method
+//! - Objects may be used from any thread. `Sealer.extract` takes tens of milliseconds: call it on a background thread. No method
 //!   calls back into the app.
 //! - The bytes of a frame are not copied: in Kotlin they are a direct `ByteBuffer`, as Android's `Image.Plane` has one.
 //! - In Kotlin, objects are `AutoCloseable`: close them, or the garbage collector frees them later.
@@ -26,6 +26,7 @@ pub mod error;
 pub mod pose;
 pub mod profile;
 pub mod query;
+pub mod sealer;
 pub mod session;
 
 uniffi::setup_scaffolding!();

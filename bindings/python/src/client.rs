@@ -78,7 +78,7 @@ impl Client {
         Ok(Self { client: Arc::new(client), server: server.to_owned() })
     }
 
-    /// Fetches the profile of a map of the service; `seal` needs it.
+    /// Fetches the profile of a map of the service; a `Sealer` needs it.
     ///
     /// Raises:
     ///     ServiceError: the service refused the request, cannot be reached, or has another profile than `profile_ids`.

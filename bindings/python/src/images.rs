@@ -91,7 +91,7 @@ impl ImageInput {
             Self::File(path) => load_gray(path)?,
             Self::Array(gray) => gray.clone(),
         };
-        let image = Image::from(gray);
+        let image = Image::from(gray).named(self.name());
         Ok(match mask {
             Some(mask) => image.without(mask)?,
             None => image,

@@ -6,7 +6,7 @@
 //! - [`errors`]: the libraries' errors as exceptions. [`arrays`], [`camera`], [`pose`], [`options`]: conversions.
 //! - [`blocking`], [`worker_threads`]: long calls, Ctrl-C, progress.
 //! - [`solvers`], [`estimate`]: poses from correspondences, with PoseLib's calling convention.
-//! - [`images`], [`profile`], [`device`], [`session`]: the device side.
+//! - [`images`], [`profile`], [`device`], [`sealer`], [`session`]: the device side.
 //! - [`map`], [`build_shares`], [`colmap`], [`answer`]: the server side. [`client`]: HTTP client of a service.
 //! - [`attacks`]: privacy attacks. [`rendered_scene`]: a synthetic scene for experiments. [`program`]: the command
 //!   line.
@@ -31,6 +31,7 @@ mod posed;
 mod profile;
 mod program;
 mod rendered_scene;
+mod sealer;
 mod session;
 mod solvers;
 mod worker_threads;
@@ -49,7 +50,7 @@ mod _native {
     #[pymodule_export]
     use crate::colmap::{ColmapModel, undistort};
     #[pymodule_export]
-    use crate::device::{describe_query, device_limits, extract, obfuscate, seal};
+    use crate::device::{describe_query, device_limits, extract, obfuscate};
     #[pymodule_export]
     use crate::estimate::{
         anchored_lines, estimate_absolute_pose, estimate_absolute_pose_anchored, estimate_absolute_pose_lines,
@@ -66,6 +67,8 @@ mod _native {
     use crate::program::run_program;
     #[pymodule_export]
     use crate::rendered_scene::render_room;
+    #[pymodule_export]
+    use crate::sealer::{Extracted, Sealer, SessionSealer};
     #[pymodule_export]
     use crate::session::Session;
     #[pymodule_export]

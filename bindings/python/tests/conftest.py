@@ -29,6 +29,12 @@ def near(pose, truth, degrees=2.0, units=0.1):
     return off[0] < degrees and off[1] < units
 
 
+def seal(image, camera, profile, gravity=None, **options):
+    """The sealed query of one image on its own."""
+    sealer = veiloc.Sealer(profile, **options)
+    return sealer.seal(sealer.extract(image, camera, gravity=gravity))
+
+
 class Problem:
     """World points and their pixels under a known pose, with outliers."""
 

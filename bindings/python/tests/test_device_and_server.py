@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import veiloc
-from conftest import Problem, near
+from conftest import Problem, near, seal
 
 
 @pytest.fixture(params=["rendered", "kitchen"])
@@ -21,7 +21,7 @@ def test_poses_equal_those_of_the_program(scene, program, tmp_path):
     opened = veiloc.Map.open(tmp_path / "scene.vmap")
     sealed, file = {}, lambda query: f"{query.replace('/', '-')}.vquery"
     for query in scene.queries:
-        sealed[query] = veiloc.seal(scene.images / query, scene.camera, opened.profile)
+        sealed[query] = seal(scene.images / query, scene.camera, opened.profile)
         (tmp_path / file(query)).write_bytes(sealed[query])
     files = sorted(tmp_path.glob("*.vquery"))
     found = program("localize", "--map", tmp_path / "scene.vmap", *files, "--json", codes=(0, 4))
@@ -98,38 +98,47 @@ def test_seal_options_masks_and_schemes(rendered):
     model, camera, image = rendered.map, rendered.camera, rendered.images / rendered.queries[0]
     profile, truth = model.profile, rendered.pose(rendered.queries[0])
     assert veiloc.Profile.from_bytes(bytes(profile)) == profile == pickle.loads(pickle.dumps(profile))
-    first, second = (veiloc.seal(image, camera, profile, max_keypoints=256) for _ in range(2))
+    first, second = (seal(image, camera, profile, max_keypoints=256) for _ in range(2))
     assert first != second, "everything random comes from the system"
     info = veiloc.describe_query(first)
     assert info["scheme"] == "dcl" and info["rows"] == 256 and info["bytes"] == len(first)
     image_module = pytest.importorskip("PIL.Image")
     rgb = np.asarray(image_module.open(image).convert("RGB"))
     for array in [rgb, np.asfortranarray(rgb), rgb.mean(axis=2).astype(np.float32) / 255]:
-        answer = model.localize(veiloc.seal(array, camera, profile))
+        answer = model.localize(seal(array, camera, profile))
         assert near(answer.pose, truth)
     hidden = np.zeros(rgb.shape[:2], bool)
     hidden[:, :120] = True
+    other = np.where(hidden[..., None], 255 - rgb, rgb)
+    sealer = veiloc.Sealer(profile)
+    assert len({len(sealer.extract(image, camera, mask=hidden)) for image in [rgb, other]}) == 1
     keypoints = veiloc.extract(rgb, mask=hidden)["keypoints"]
     assert len(keypoints) and keypoints[:, 0].min() > 120
     assert len(keypoints) < len(veiloc.extract(image)["keypoints"])
     for scheme in ["random-lines", "coordinate-permutation", "points", "dcl:horizontal"]:
-        sealed = veiloc.seal(rgb, camera, profile, scheme=scheme)
+        sealed = seal(rgb, camera, profile, scheme=scheme)
         assert veiloc.describe_query(sealed)["scheme"] == scheme
         assert near(model.localize(sealed).pose, truth)
     down = truth.R @ [0, 0, -1]
-    answer = model.localize(veiloc.seal(image, camera, profile, gravity=[*down, 1.0]))
+    answer = model.localize(seal(image, camera, profile, gravity=[*down, 1.0]))
     assert answer.gravity == "used"
     for send, use in [(True, "used"), (False, None)]:
-        sealed = veiloc.Session().seal(image, camera, profile, down=down, send_gravity=send)
+        sealer = veiloc.Sealer(profile, send_gravity=send)
+        extracted = sealer.extract(image, camera, down=down)
+        assert len(extracted) > 256
+        sealed = sealer.in_session(veiloc.Session()).seal(extracted)
         assert model.localize(sealed).gravity == use
+        with pytest.raises(veiloc.InputError, match="sealed already"):
+            sealer.seal(extracted)
 
 
 def test_session_resumes_from_bytes(rendered):
-    session, frames = veiloc.Session(), []
+    session, sealer, frames = veiloc.Session(), veiloc.Sealer(rendered.map.profile), []
     for query in rendered.queries[:2]:
         pose = rendered.pose(query)
         image = rendered.images / query
-        frames.append((session.seal(image, rendered.camera, rendered.map.profile, orientation=pose.q), pose))
+        extracted = sealer.extract(image, rendered.camera, orientation=pose.q)
+        frames.append((sealer.in_session(session).seal(extracted), pose))
         session = veiloc.Session.from_bytes(bytes(session))
     assert session.frames == 2
     # The rig frame is the world frame, so the camera poses on the rig are their true poses.
@@ -144,31 +153,31 @@ def test_session_resumes_from_bytes(rendered):
 
 def test_invalid_inputs_raise_specific_errors(rendered, tmp_path):
     model, camera, image = rendered.map, rendered.camera, rendered.images / rendered.queries[0]
-    sealed = veiloc.seal(image, camera, model.profile)
+    sealed = seal(image, camera, model.profile)
     for data in [b"nothing", b"", sealed[: len(sealed) // 2], bytes(1000)]:
         with pytest.raises(veiloc.QueryError):
             model.localize(data)
     with pytest.raises(veiloc.QueryError, match="none"):
         veiloc.Profile.open(tmp_path / "none")
     with pytest.raises(veiloc.ImageError, match="none.jpg"):
-        veiloc.seal(tmp_path / "none.jpg", camera, model.profile)
+        seal(tmp_path / "none.jpg", camera, model.profile)
     with pytest.raises(veiloc.ImageError):
-        veiloc.seal(image, "PINHOLE,100,100,90,90,50,50", model.profile)
+        seal(image, "PINHOLE,100,100,90,90,50,50", model.profile)
     with pytest.raises(veiloc.QueryError, match="scheme"):
-        veiloc.seal(image, camera, model.profile, scheme="lines")
+        seal(image, camera, model.profile, scheme="lines")
     with pytest.raises(veiloc.InputError, match="image"):
-        veiloc.seal(np.zeros((4, 4, 2), np.int16), camera, model.profile)
+        seal(np.zeros((4, 4, 2), np.int16), camera, model.profile)
     with pytest.raises(veiloc.InputError, match='no EXIF; pass camera=, or camera="unknown"'):
-        veiloc.seal(np.zeros((300, 400), np.uint8), None, model.profile)
+        seal(np.zeros((300, 400), np.uint8), None, model.profile)
     with pytest.raises(veiloc.ImageError, match='no EXIF; pass camera=, or camera="unknown"'):
-        veiloc.seal(image, None, model.profile)
+        seal(image, None, model.profile)
     with pytest.raises(veiloc.MapError, match="none.vmap"):
         veiloc.Map.open(tmp_path / "none.vmap")
     other = model.remove(model.image_names[:2], retrain=True, self_test=False)
     with pytest.raises(veiloc.WrongProfileError):
         other.localize(sealed)
     with pytest.raises(veiloc.Error):
-        veiloc.seal(np.full((300, 400), 128, np.uint8), camera, model.profile)
+        seal(np.full((300, 400), 128, np.uint8), camera, model.profile)
 
 
 def test_progress_callback_is_called_and_can_cancel(rendered):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import veiloc
-from conftest import near
+from conftest import near, seal
 
 
 class Service:
@@ -74,7 +74,7 @@ def test_answers_equal_those_of_the_map_in_memory(rendered, client):
     assert profile == rendered.map.profile
     found = 0
     for query in rendered.queries:
-        sealed = veiloc.seal(rendered.images / query, rendered.camera, profile)
+        sealed = seal(rendered.images / query, rendered.camera, profile)
         answer, local = client.localize("room", sealed), rendered.map.localize(sealed)
         assert_same(answer, local)
         found += near(answer.pose, rendered.pose(query))
@@ -83,7 +83,7 @@ def test_answers_equal_those_of_the_map_in_memory(rendered, client):
 
 def test_progressive_localization_stops_at_a_trusted_pose(rendered, client):
     profile = client.profile("room")
-    sealed = veiloc.seal(rendered.images / rendered.queries[0], rendered.camera, profile)
+    sealed = seal(rendered.images / rendered.queries[0], rendered.camera, profile)
     answer, steps = client.localize_progressive("room", sealed, profile)
     assert answer.trusted and near(answer.pose, rendered.pose(rendered.queries[0]))
     rows = [step["rows"] for step in steps]
@@ -99,11 +99,12 @@ def test_progressive_localization_stops_at_a_trusted_pose(rendered, client):
 
 
 def test_session_frames_localize_as_a_rig(rendered, client):
-    profile, session = client.profile("room"), veiloc.Session()
+    session, sealer = veiloc.Session(), veiloc.Sealer(client.profile("room"))
     frames = []
     for query in rendered.queries[:2]:
         pose = rendered.pose(query)
-        sealed = session.seal(rendered.images / query, rendered.camera, profile, orientation=pose.q)
+        extracted = sealer.extract(rendered.images / query, rendered.camera, orientation=pose.q)
+        sealed = sealer.in_session(session).seal(extracted)
         assert near(client.localize("room", sealed).pose, pose), "one frame by itself"
         frames.append((sealed, pose))
     answer = client.localize_rig("room", frames)
@@ -116,7 +117,7 @@ def test_session_frames_localize_as_a_rig(rendered, client):
 
 def test_position_hint_and_trusted_only(rendered, client):
     query = rendered.queries[0]
-    sealed = veiloc.seal(rendered.images / query, rendered.camera, client.profile("room"))
+    sealed = seal(rendered.images / query, rendered.camera, client.profile("room"))
     truth = rendered.pose(query)
     answer = client.localize("room", sealed, near=[*truth.center, 0.5], trusted_only=True)
     assert answer.trusted and near(answer.pose, truth)
@@ -125,7 +126,7 @@ def test_position_hint_and_trusted_only(rendered, client):
 
 
 def test_refusals_have_status_and_name(rendered, service, client, tmp_path_factory):
-    sealed = veiloc.seal(rendered.images / rendered.queries[0], rendered.camera, client.profile("room"))
+    sealed = seal(rendered.images / rendered.queries[0], rendered.camera, client.profile("room"))
     with pytest.raises(veiloc.RefusedError) as refused:
         client.localize("hall", sealed)
     assert (refused.value.status, refused.value.name) == (404, "unknown-map")
@@ -134,13 +135,13 @@ def test_refusals_have_status_and_name(rendered, service, client, tmp_path_facto
             veiloc.Client(service.address, token).profile("room")
         assert refused.value.status == 401
     other = rendered.map.remove(rendered.map.image_names[:2], retrain=True, self_test=False)
-    of_other = veiloc.seal(rendered.images / rendered.queries[0], rendered.camera, other.profile)
+    of_other = seal(rendered.images / rendered.queries[0], rendered.camera, other.profile)
     with pytest.raises(veiloc.WrongProfileError):
         client.localize("room", of_other)
     # An out-of-map image: another room.
     folder = tmp_path_factory.mktemp("out-of-map")
     _, ((name, camera, _),) = veiloc.render_room(folder, mapped=0, queries=1, seed=77)
-    out_of_map = veiloc.seal(folder / name, camera, client.profile("room"))
+    out_of_map = seal(folder / name, camera, client.profile("room"))
     with pytest.raises(veiloc.NotLocalizedError):
         client.localize("room", out_of_map)
     with pytest.raises(veiloc.QueryError):

@@ -54,7 +54,7 @@ export class Client {
     return new Uint8Array(await reply.arrayBuffer());
   }
 
-  /** Localizes a sealed query, given as its bytes or as the result of `device.sealed`. */
+  /** Localizes a sealed query, given as its bytes or as the result of `sealer.seal`. */
   async localize(map, query, options = {}) {
     if (query.unbalanced) throw new VeilocError("unbalanced", query.unbalanced);
     const bytes = query instanceof Uint8Array ? query : query.bytes;

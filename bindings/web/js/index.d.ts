@@ -9,7 +9,7 @@ export type ImageLike = ImageBitmapSource | { width: number; height: number; dat
 
 /**
  * A COLMAP camera, `MODEL,WIDTH,HEIGHT,PARAMS…`, of the image as it is displayed. With `null` the focal length is that of the EXIF data
- * of `SealOptions.file`, with the rule of `veiloc seal`; without one it is guessed. The query says which.
+ * of `ImageFacts.file`, with the rule of `veiloc seal`; without one it is guessed. The query says which.
  */
 export type Camera = string | null;
 
@@ -42,22 +42,24 @@ export interface SealOptions {
   angleBits?: number;
   /** Most keypoints to send; default: the number that the profile requests, at most 2048. */
   maxKeypoints?: number;
-  /** Longest side to which the image is scaled down, pixels, whatever the profile requests; default 2048. */
+  /** Longest side to which images are scaled down, pixels, whatever the profile requests; default 2048. */
   maxImageSide?: number;
+  /** Whether `down` of an attitude is sent; default true. */
+  sendGravity?: boolean;
+}
+
+/** What is known about an image beside its camera. */
+export interface ImageFacts {
   /**
    * The JPEG or PNG file of the image, for the focal length in its EXIF data when the camera is `null`. Nothing else of it is used.
    * Default: the image, if it is a `Blob` or `File`.
    */
   file?: Blob;
-  /** The session that the image belongs to. */
-  session?: Session;
   /**
    * Orientation of the camera when it took the image. Its `down` is sent, rounded to about a degree; the rest, which only a session
    * uses, is not.
    */
   attitude?: Attitude | null;
-  /** Whether `attitude.down` is sent; default true. */
-  sendGravity?: boolean;
 }
 
 /** Prepares to seal for the map of a profile: starts a worker with the WebAssembly module. */
@@ -70,16 +72,8 @@ export interface Device {
   readonly descriptor: string;
   readonly maxKeypoints: number;
   readonly maxImageSide: number;
-  /**
-   * Seals an image and returns the bytes to send. Seal each image once; when the network fails, send the same bytes again.
-   *
-   * Throws `VeilocError`: `image`, `camera`, `option`, `seal` (too little texture), `unbalanced` (the query cannot determine a pose);
-   * in a session `too-many-starts` (without an orientation, another image of this scene would reveal too much) and `turned-away`
-   * (the camera has turned away from the session's anchors).
-   */
-  seal(image: ImageLike, camera?: Camera, options?: SealOptions): Promise<Uint8Array>;
-  /** Seals an image and returns the query with its steps and counts. */
-  sealed(image: ImageLike, camera?: Camera, options?: SealOptions): Promise<Sealed>;
+  /** A sealer: it seals images with these options, which the device decides. Most apps need one. Throws `VeilocError` `option`, `seal`. */
+  sealer(options?: SealOptions): Promise<Sealer>;
   /**
    * Starts a session, or resumes one from its bytes. Use one session for several images of one scene.
    * `anchors`: the frame in which the anchors are fixed, `world` (default), `gravity` or `image`.
@@ -87,6 +81,31 @@ export interface Device {
   session(options?: { anchors?: "world" | "gravity" | "image"; bytes?: Uint8Array }): Promise<Session>;
   /** Terminates the workers and discards their state. */
   close(): void;
+}
+
+/** Seals images for the map: `extract`, then `seal`. */
+export interface Sealer {
+  /** Extracts the features of an image; they stay in the worker. Throws `VeilocError`: `image`, `camera`, `option`. */
+  extract(image: ImageLike, camera?: Camera, facts?: ImageFacts): Promise<Extracted>;
+  /**
+   * Seals the features of an image, once: a second call throws `gone`. When the network fails, send the same bytes again.
+   *
+   * Throws `VeilocError`: `texture`; in a session `too-many-starts` (without an orientation, another image of this scene would reveal
+   * too much) and `turned-away` (the camera has turned away from the session's anchors).
+   */
+  seal(extracted: Extracted): Promise<Sealed>;
+  /** The same sealer, for the images of a session. */
+  inSession(session: Session): Sealer;
+  /** Frees the sealer in the worker; queries that it sealed stay usable. */
+  free(): Promise<void>;
+}
+
+/** The features of an image in the worker, until they are sealed. */
+export interface Extracted {
+  /** Number of keypoints. */
+  readonly keypoints: number;
+  /** Time of the extraction. */
+  readonly milliseconds: number;
 }
 
 export interface Session {
@@ -107,7 +126,7 @@ export interface Sealed {
   readonly focal: "calibrated" | "exif" | "unknown";
   /** Rows of each step of a progressive query. */
   readonly steps: number[];
-  /** Why the query cannot determine a pose and is not sent; `null` when it can. */
+  /** Why the query cannot determine a pose and must not be sent (`Client` refuses it, `unbalanced`); `null` when it can. */
   readonly unbalanced: string | null;
   /** Number of frames in the session, and how often it chose new anchors; `null` without a session. */
   readonly frames: number | null;

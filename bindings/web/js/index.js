@@ -3,7 +3,8 @@
 //   import { Client, load } from "veiloc";
 //   const client = new Client("https://places.example:8443", { token });
 //   const device = await load(await client.profile("lobby"));
-//   const query = await device.seal(image, "SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034");
+//   const sealer = await device.sealer();
+//   const query = await sealer.seal(await sealer.extract(image, "SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034"));
 //   const { trusted, center, position_sd } = await client.localize("lobby", query);
 
 import { VeilocError } from "./core.js";
@@ -132,22 +133,10 @@ class Device {
     Object.assign(this, facts);
   }
 
-  /** Seals an image and returns the bytes to send. Seal each image once; when the network fails, send the same bytes again. */
-  async seal(image, camera = null, options = {}) {
-    const sealed = await this.sealed(image, camera, options);
-    if (sealed.unbalanced) throw new VeilocError("unbalanced", sealed.unbalanced);
-    return sealed.bytes;
-  }
-
-  /** Seals an image and returns the query with its steps and counts. */
-  async sealed(image, camera = null, { session, attitude, file = image, ...options } = {}) {
-    const head = { op: "seal", profile: this.#profile, camera, ...options };
-    Object.assign(head, session && { session: session.handle }, attitude);
-    const [rest, transfer] = await sealArguments(head, image);
-    // For the focal length in its EXIF data; the bytes stay in the worker.
-    if (camera === null && file instanceof Blob) rest.file = new Uint8Array(await file.arrayBuffer());
-    const { head: reply, bytes } = await this.#connection.request("seal", rest, transfer);
-    return new Sealed(this.#connection, this.#attacks, reply, bytes);
+  /** A sealer: it seals images with these options. Most apps need one. */
+  async sealer(options = {}) {
+    const { head } = await this.#connection.request("call", { head: { op: "sealer", profile: this.#profile, ...options } });
+    return new Sealer(this.#connection, this.#attacks, head.sealer);
   }
 
   /**
@@ -166,6 +155,47 @@ class Device {
     const reason = new VeilocError("closed", "the device was closed");
     this.#connection.end(reason);
     this.#attacks.end(reason);
+  }
+}
+
+class Sealer {
+  #connection;
+  #attacks;
+  #handle;
+  #session;
+
+  constructor(connection, attacks, handle, session) {
+    this.#connection = connection;
+    this.#attacks = attacks;
+    this.#handle = handle;
+    this.#session = session;
+  }
+
+  /** Extracts the features of an image. They stay in the worker. */
+  async extract(image, camera = null, { attitude, file = image } = {}) {
+    const [rest, transfer] = await imageArguments({ op: "extract", sealer: this.#handle, camera, ...attitude }, image);
+    // For the focal length in its EXIF data; the bytes stay in the worker.
+    if (camera === null && file instanceof Blob) rest.file = new Uint8Array(await file.arrayBuffer());
+    const { head } = await this.#connection.request("extract", rest, transfer);
+    return head;
+  }
+
+  /** Seals the features of an image, once. When the network fails, send the same bytes again. */
+  async seal({ extracted, milliseconds }) {
+    const head = { op: "seal", sealer: this.#handle, extracted, session: this.#session?.handle };
+    const { head: reply, bytes } = await this.#connection.request("seal", { head });
+    reply.milliseconds += milliseconds;
+    return new Sealed(this.#connection, this.#attacks, reply, bytes);
+  }
+
+  /** The same sealer, for the images of a session. */
+  inSession(session) {
+    return new Sealer(this.#connection, this.#attacks, this.#handle, session);
+  }
+
+  /** Frees the sealer in the worker; queries that it sealed stay usable. */
+  free() {
+    return this.#connection.request("call", { head: { op: "free", handle: this.#handle } }).then(() => undefined);
   }
 }
 
@@ -230,8 +260,8 @@ class Sealed {
   }
 }
 
-/** Arguments of the worker's `seal`: pixels unchanged, every other image as a bitmap without colour conversion. */
-async function sealArguments(head, image) {
+/** Arguments of the worker's `extract`: pixels unchanged, every other image as a bitmap without colour conversion. */
+async function imageArguments(head, image) {
   if (image?.data instanceof Uint8ClampedArray || image?.data instanceof Uint8Array) {
     const { width, height, data } = image;
     return [{ head, image: { width, height, data } }];

@@ -17,6 +17,13 @@ function pixels(image) {
   return context.getImageData(0, 0, width, height);
 }
 
+function timed(call) {
+  const began = performance.now();
+  const reply = call();
+  reply.head.milliseconds = performance.now() - began;
+  return reply;
+}
+
 const jobs = {
   load: async ({ wasm }) => {
     core = await Core.load(wasm instanceof WebAssembly.Module ? wasm : fetch(wasm));
@@ -24,14 +31,12 @@ const jobs = {
   },
   call: ({ head, bytes }) => core.call(head, ...(bytes ? [bytes] : [])),
   session: ({ head }) => core.call(head, random()),
-  seal: ({ head, image, file }) => {
+  extract: ({ head, image, file }) => {
     const { width, height, data } = pixels(image);
-    const began = performance.now();
     const known = file ? core.call({ op: "exif", width, height }, file).head : {};
-    const reply = core.call({ ...head, ...known, width, height }, random(), data);
-    reply.head.milliseconds = performance.now() - began;
-    return reply;
+    return timed(() => core.call({ ...head, ...known, width, height }, data));
   },
+  seal: ({ head }) => timed(() => core.call(head, random())),
 };
 
 self.onmessage = async ({ data: { id, job, ...rest } }) => {

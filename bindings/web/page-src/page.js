@@ -14,7 +14,7 @@ const number = new Intl.NumberFormat("en", { maximumFractionDigits: 0 });
 const bytes = (count) => (count < 1e6 ? `${number.format(count / 1000)} kB` : `${(count / 1e6).toFixed(1)} MB`);
 
 /** The state of the page. */
-const now = { about: { points: 0, views: [] }, client: null, map: null, device: null, session: null, sensors: null, source: null, shown: null, busy: false, stale: false, finding: false, refreshed: Promise.resolve(), following: false };
+const now = { about: { points: 0, views: [] }, client: null, map: null, device: null, sealer: null, options: "", session: null, sensors: null, source: null, shown: null, busy: false, stale: false, finding: false, refreshed: Promise.resolve(), following: false };
 /** Number of the displayed image; a later image makes a pending drawing stale. */
 let generation = 0;
 /** `AbortController` of the running attack, or null. */
@@ -136,7 +136,7 @@ function seenProfile(name, id) {
 async function selectMap(name) {
   now.map = name;
   now.device?.close();
-  now.device = now.session = now.shown = null;
+  now.device = now.sealer = now.session = now.shown = null;
   updateButtons();
   const profile = await now.client.profile(name);
   now.device = await load(profile);
@@ -176,9 +176,17 @@ function camera(width, height) {
   return Number.isFinite(focal) ? `SIMPLE_PINHOLE,${width},${height},${focal},${width / 2},${height / 2}` : text;
 }
 
-function options() {
+/** The sealer with the options of the settings. */
+async function sealer() {
   const maxKeypoints = el("max-keypoints").value;
-  return { scheme: el("scheme").value, ...(maxKeypoints && { maxKeypoints: Number(maxKeypoints) }) };
+  const options = { scheme: el("scheme").value, ...(maxKeypoints && { maxKeypoints: Number(maxKeypoints) }) };
+  const text = JSON.stringify(options);
+  if (!now.sealer || now.options !== text) {
+    now.sealer?.free().catch(() => {});
+    now.sealer = await now.device.sealer(options);
+    now.options = text;
+  }
+  return now.sealer;
 }
 
 /** Whether the scheme supports sessions: only anchored lines have anchors that can be fixed in the world. */
@@ -201,8 +209,9 @@ async function prepare(inSession) {
   // Not for the image of a file, which the device took earlier, or another one.
   const measured = inSession && now.source.kind === "camera" && el("oriented").checked;
   const attitude = measured ? now.sensors?.now() : null;
-  const session = inSession && sessions() ? now.session : undefined;
-  const sealed = await now.device.sealed(copy, camera(width, height), { ...options(), session, attitude, file });
+  const own = await sealer();
+  const extracted = await own.extract(copy, camera(width, height), { attitude, file });
+  const sealed = await (inSession && sessions() ? own.inSession(now.session) : own).seal(extracted);
   return { image, width, height, sealed };
 }
 

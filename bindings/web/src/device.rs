@@ -1,4 +1,4 @@
-//! The state between calls: profiles, sessions and queries, each under a handle.
+//! The state between calls: profiles, sealers, sessions, features and queries, each under a handle.
 
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -6,24 +6,26 @@ use std::rc::Rc;
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde::Serialize;
-use veiloc_obfuscation::{Session, SessionOptions};
+use veiloc_obfuscation::{Sealer, Session, SessionOptions};
 use veiloc_protocol::Profile;
 
 use crate::error::WebError;
 use crate::inspection;
 use crate::message;
 use crate::request::Request;
-use crate::sealing::{self, StoredQuery};
+use crate::sealing::{self, StoredFeatures, StoredQuery};
 
-/// Most stored queries; the oldest is dropped. A query takes a few hundred kilobytes.
+/// Most stored queries, and features that were not sealed; the oldest are dropped. Each takes a few hundred kilobytes.
 const MAX_QUERIES: usize = 32;
 
 /// The state of one worker.
 #[derive(Default)]
 pub struct Device {
     last: u32,
-    profiles: BTreeMap<u32, Rc<Profile>>,
+    profiles: BTreeMap<u32, Profile>,
+    sealers: BTreeMap<u32, Rc<Sealer>>,
     sessions: BTreeMap<u32, Session>,
+    extracted: BTreeMap<u32, StoredFeatures>,
     queries: BTreeMap<u32, StoredQuery>,
 }
 
@@ -35,6 +37,11 @@ struct ProfileReply {
     descriptor: String,
     max_keypoints: u32,
     max_image_side: u32,
+}
+
+#[derive(Serialize)]
+struct SealerReply {
+    sealer: u32,
 }
 
 #[derive(Serialize)]
@@ -68,10 +75,24 @@ impl Device {
                 Ok(message::write(&EmptyReply {}, &stored.to_bytes()))
             }
             Request::Exif { width, height } => Ok(sealing::exif(bytes, (width, height))),
-            Request::Seal(seal) => {
-                let (mut rng, pixels) = seeded_rng(bytes)?;
-                let profile = lookup(&self.profiles, "profile", seal.profile)?.clone();
-                let session = match seal.session {
+            Request::Sealer(request) => {
+                let sealer = sealing::sealer(&request, lookup(&self.profiles, "profile", request.profile)?)?;
+                let handle = self.next();
+                self.sealers.insert(handle, Rc::new(sealer));
+                Ok(message::write(&SealerReply { sealer: handle }, &[]))
+            }
+            Request::Extract(request) => {
+                let sealer = lookup(&self.sealers, "sealer", request.sealer)?;
+                let stored = sealing::extract(&request, bytes, sealer)?;
+                let extracted = self.next();
+                let reply = stored.reply(extracted);
+                store(&mut self.extracted, extracted, stored);
+                Ok(reply)
+            }
+            Request::Seal { sealer, extracted, session } => {
+                let (mut rng, _) = seeded_rng(bytes)?;
+                let sealer = lookup(&self.sealers, "sealer", sealer)?.clone();
+                let session = match session {
                     Some(handle) => Some(
                         self.sessions
                             .get_mut(&handle)
@@ -79,13 +100,15 @@ impl Device {
                     ),
                     None => None,
                 };
-                let stored = sealing::seal(&seal, pixels, profile, session, &mut rng)?;
+                // An image is sealed once (rule L7).
+                let stored = self
+                    .extracted
+                    .remove(&extracted)
+                    .ok_or(WebError::UnknownHandle { what: "image", handle: extracted })?;
+                let stored = stored.seal(sealer, session, &mut rng)?;
                 let query = self.next();
                 let reply = stored.reply(query);
-                self.queries.insert(query, stored);
-                while self.queries.len() > MAX_QUERIES {
-                    self.queries.pop_first();
-                }
+                store(&mut self.queries, query, stored);
                 Ok(reply)
             }
             Request::Step { query, rows } => lookup(&self.queries, "query", query)?.step(rows),
@@ -94,6 +117,8 @@ impl Device {
             Request::Attack { attack, query_bytes } => inspection::attack(&attack, query_bytes, bytes),
             Request::Free { handle } => {
                 self.profiles.remove(&handle);
+                self.sealers.remove(&handle);
+                self.extracted.remove(&handle);
                 self.sessions.remove(&handle);
                 self.queries.remove(&handle);
                 Ok(message::write(&EmptyReply {}, &[]))
@@ -111,7 +136,7 @@ impl Device {
             max_keypoints: profile.limits().max_keypoints,
             max_image_side: profile.limits().max_image_side,
         };
-        self.profiles.insert(handle, Rc::new(profile));
+        self.profiles.insert(handle, profile);
         Ok(message::write(&reply, &[]))
     }
 
@@ -125,6 +150,14 @@ impl Device {
     const fn next(&mut self) -> u32 {
         self.last = self.last.wrapping_add(1);
         self.last
+    }
+}
+
+/// Stores an object, and drops the oldest when there are too many.
+fn store<T>(stored: &mut BTreeMap<u32, T>, handle: u32, object: T) {
+    stored.insert(handle, object);
+    while stored.len() > MAX_QUERIES {
+        stored.pop_first();
     }
 }
 

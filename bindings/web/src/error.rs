@@ -3,7 +3,7 @@
 use veiloc_attacks::AttackError;
 use veiloc_features::FeatureError;
 use veiloc_obfuscation::{SealError, SessionAnchorsError};
-use veiloc_protocol::{QueryError, UnbalancedAnchors};
+use veiloc_protocol::QueryError;
 
 /// Why a call failed.
 #[derive(Debug, thiserror::Error)]
@@ -15,9 +15,9 @@ pub enum WebError {
         reason: String,
     },
     /// The handle is unknown.
-    #[error("there is no {what} with handle {handle}; it was freed, or the worker was restarted")]
+    #[error("there is no {what} with handle {handle}; it was freed or used up, or the worker was restarted")]
     UnknownHandle {
-        /// `profile`, `session` or `query`.
+        /// `profile`, `sealer`, `session`, `image` or `query`.
         what: &'static str,
         /// The number.
         handle: u32,
@@ -44,9 +44,6 @@ pub enum WebError {
     /// The image cannot be used or sealed, or the bytes are not a session.
     #[error(transparent)]
     Seal(#[from] SealError),
-    /// The query cannot determine a pose.
-    #[error(transparent)]
-    UnbalancedAnchors(#[from] UnbalancedAnchors),
     /// The query does not belong to the profile.
     #[error(transparent)]
     Query(#[from] QueryError),
@@ -68,7 +65,6 @@ impl WebError {
             Self::Camera { .. } => "camera",
             Self::Option { .. } | Self::Anchors(_) => "option",
             Self::Seal(error) => error.kind().name(),
-            Self::UnbalancedAnchors(_) => "unbalanced",
             Self::Query(_) => "query",
             Self::Attack(_) => "attack",
         }

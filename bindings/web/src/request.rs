@@ -28,8 +28,20 @@ pub enum Request {
         /// Rows.
         height: u32,
     },
-    /// Seals an image [32 random bytes, then red, green, blue, alpha of each pixel].
-    Seal(Box<Seal>),
+    /// Makes a sealer.
+    Sealer(Sealer),
+    /// Extracts the features of an image [red, green, blue, alpha of each pixel].
+    Extract(Box<Extract>),
+    /// Seals the features of an image, and forgets them [32 random bytes].
+    Seal {
+        /// Handle of the sealer.
+        sealer: u32,
+        /// Handle of the features.
+        extracted: u32,
+        /// Handle of the session that the image belongs to.
+        #[serde(default)]
+        session: Option<u32>,
+    },
     /// Returns the first rows of a query, as bytes to send.
     Step {
         /// Handle of the query.
@@ -62,22 +74,12 @@ pub enum Request {
     },
 }
 
-/// An image to seal.
+/// What the device decides.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase", deny_unknown_fields)]
-pub struct Seal {
+pub struct Sealer {
     /// Handle of the profile.
     pub profile: u32,
-    /// Columns.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// COLMAP camera, `MODEL,W,H,PARAMS…`; `None` guesses the focal length and marks it as unknown in the query.
-    #[serde(default)]
-    pub camera: Option<String>,
-    /// Whether the camera is one that `Exif` returned.
-    #[serde(default)]
-    pub exif: bool,
     /// As `--scheme` of `veiloc seal`; `None` for `dcl`. `points` is refused.
     #[serde(default)]
     pub scheme: Option<String>,
@@ -90,9 +92,27 @@ pub struct Seal {
     /// Longest side to which the image is scaled down, pixels; `None` for the device's limit.
     #[serde(default)]
     pub max_image_side: Option<u32>,
-    /// Handle of the session that the image belongs to.
+    /// Whether `down` of an image is sent; `None` for yes.
     #[serde(default)]
-    pub session: Option<u32>,
+    pub send_gravity: Option<bool>,
+}
+
+/// An image, its camera, and how the camera was held.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase", deny_unknown_fields)]
+pub struct Extract {
+    /// Handle of the sealer.
+    pub sealer: u32,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// COLMAP camera, `MODEL,W,H,PARAMS…`; `None` guesses the focal length and marks it as unknown in the query.
+    #[serde(default)]
+    pub camera: Option<String>,
+    /// Whether the camera is one that `Exif` returned.
+    #[serde(default)]
+    pub exif: bool,
     /// Orientation of the camera, a quaternion `w x y z` from a fixed world frame.
     #[serde(default)]
     pub orientation: Option<[f64; 4]>,
@@ -102,7 +122,4 @@ pub struct Seal {
     /// Its standard deviation, degrees; `None` for that of tracking.
     #[serde(default)]
     pub down_sd_deg: Option<f64>,
-    /// Whether `down` is sent; `None` for yes.
-    #[serde(default)]
-    pub send_gravity: Option<bool>,
 }

@@ -9,7 +9,7 @@ use serde::Serialize;
 use veiloc_features::{Features, GrayImage, Image, exif_camera_of, guessed_camera_of};
 use veiloc_geometry::{Intrinsics, IntrinsicsError, Pixel};
 use veiloc_obfuscation::{
-    DeviceLimits, Orientation, SealOptions, Session, extract_loaded, seal as seal_features,
+    DeviceLimits, Extracted, KnownCamera, Orientation, SealError, SealOptions, Sealer, Session,
 };
 use veiloc_protocol::{
     AngleBits, CoarseGravity, FocalKnowledge, Profile, QueryError, SealedQuery, SizeClass,
@@ -17,15 +17,22 @@ use veiloc_protocol::{
 
 use crate::error::WebError;
 use crate::message;
-use crate::request::Seal;
+use crate::request;
 
 /// Name of the image in messages, as it has no file.
 const NAME: &str = "the image";
 
+/// The features of an image, until they are sealed.
+pub struct StoredFeatures {
+    extracted: Extracted,
+    /// Keypoints, pixels of the original image.
+    found: Vec<[f64; 2]>,
+}
+
 /// A sealed query and the keypoints it hides, for later steps and for the device's own screen.
 pub struct StoredQuery {
     pub(crate) query: SealedQuery,
-    profile: Rc<Profile>,
+    sealer: Rc<Sealer>,
     /// Keypoints that were found, pixels of the original image.
     pub(crate) found: Vec<[f64; 2]>,
     /// Keypoint of each row in the camera of the query; `None` for a decoy.
@@ -61,6 +68,12 @@ struct ExifReply {
 }
 
 #[derive(Serialize)]
+struct ExtractReply {
+    extracted: u32,
+    keypoints: usize,
+}
+
+#[derive(Serialize)]
 struct StepReply {
     rows: usize,
 }
@@ -71,39 +84,64 @@ pub fn exif(file: &[u8], size: (u32, u32)) -> Vec<u8> {
     message::write(&ExifReply { exif: camera.is_some(), camera }, &[])
 }
 
-/// Seals an image of red, green, blue and alpha bytes.
+/// A device that seals for a map.
 ///
 /// # Errors
-/// [`WebError`]; the session has not changed then.
-pub fn seal(
-    request: &Seal,
+/// [`WebError`].
+pub fn sealer(request: &request::Sealer, profile: &Profile) -> Result<Sealer, WebError> {
+    Ok(Sealer::new(profile, options(request)?)?)
+}
+
+/// Extracts the features of an image of red, green, blue and alpha bytes.
+///
+/// # Errors
+/// [`WebError`].
+pub fn extract(
+    request: &request::Extract,
     pixels: &[u8],
-    profile: Rc<Profile>,
-    session: Option<&mut Session>,
-    rng: &mut ChaCha20Rng,
-) -> Result<StoredQuery, WebError> {
+    sealer: &Sealer,
+) -> Result<StoredFeatures, WebError> {
     let image = Image::from(GrayImage::from_rgba8(request.width, request.height, pixels)?);
-    let (camera, focal) = camera(request)?;
-    let options = options(request)?.with_focal(focal);
-    let (features, camera) = extract_loaded(image, Path::new(NAME), &camera, &profile, &options)?;
+    let (orientation, gravity) = (orientation(request)?, gravity(request)?);
+    let extracted = sealer.extract(image, camera(request)?)?;
+    let camera = extracted.camera().intrinsics;
     let scale = [
         f64::from(request.width) / f64::from(camera.width),
         f64::from(request.height) / f64::from(camera.height),
     ];
-    let found = features.keypoints.iter().map(|k| [k.pixel.u * scale[0], k.pixel.v * scale[1]]).collect();
-    let known = features.clone();
-    let mut session_counts = None;
-    let query = match session {
-        Some(session) => {
-            let orientation = orientation(request)?;
-            let query = session.seal(features, &camera, &profile, &options, &orientation, rng)?;
-            session_counts = Some((session.frames(), session.starts()));
-            query
-        }
-        None => seal_features(features, &camera, &profile, &options, rng)?,
-    };
-    let truth = keypoints_of_rows(&query, known, &camera);
-    Ok(StoredQuery { query, profile, found, truth, session: session_counts })
+    let keypoints = &extracted.features().keypoints;
+    let found = keypoints.iter().map(|k| [k.pixel.u * scale[0], k.pixel.v * scale[1]]).collect();
+    let extracted = extracted.with_orientation(orientation).with_gravity(gravity);
+    Ok(StoredFeatures { extracted, found })
+}
+
+impl StoredFeatures {
+    pub(crate) fn reply(&self, handle: u32) -> Vec<u8> {
+        message::write(&ExtractReply { extracted: handle, keypoints: self.found.len() }, &[])
+    }
+
+    /// Seals them.
+    ///
+    /// # Errors
+    /// [`SealError`]; the session has not changed then.
+    pub fn seal(
+        self,
+        sealer: Rc<Sealer>,
+        session: Option<&mut Session>,
+        rng: &mut ChaCha20Rng,
+    ) -> Result<StoredQuery, SealError> {
+        let Self { extracted, found } = self;
+        let (known, camera) = (extracted.features().clone(), extracted.camera().intrinsics);
+        let (query, session) = match session {
+            Some(session) => {
+                let query = sealer.in_session(session).seal(extracted, rng)?;
+                (query, Some((session.frames(), session.starts())))
+            }
+            None => (sealer.seal(extracted, rng)?, None),
+        };
+        let truth = keypoints_of_rows(&query, known, &camera);
+        Ok(StoredQuery { query, sealer, found, truth, session })
+    }
 }
 
 impl StoredQuery {
@@ -116,7 +154,7 @@ impl StoredQuery {
             scheme: self.query.scheme().to_string(),
             camera: [f64::from(camera.width), f64::from(camera.height), camera.mean_focal()],
             focal: self.query.focal_known().name(),
-            steps: self.query.useful_steps(&self.profile).map(SizeClass::rows).collect(),
+            steps: self.query.useful_steps(self.sealer.profile()).map(SizeClass::rows).collect(),
             unbalanced: self.query.check_sides().err().map(|unbalanced| unbalanced.to_string()),
             frames: self.session.map(|session| session.0),
             starts: self.session.map(|session| session.1),
@@ -133,22 +171,22 @@ impl StoredQuery {
             name: "rows",
             reason: format!("{rows} is not a step; use one of the query's steps"),
         })?;
-        let part = self.query.first_rows(class, &self.profile)?;
+        let part = self.query.first_rows(class, self.sealer.profile())?;
         Ok(message::write(&StepReply { rows: part.len() }, &part.encode()))
     }
 }
 
-fn camera(request: &Seal) -> Result<(Intrinsics, FocalKnowledge), WebError> {
+fn camera(request: &request::Extract) -> Result<KnownCamera, WebError> {
     let Some(text) = &request.camera else {
-        let camera = guessed_camera_of(Path::new(NAME), (request.width, request.height))?;
-        return Ok((camera, FocalKnowledge::Unknown));
+        let intrinsics = guessed_camera_of(Path::new(NAME), (request.width, request.height))?;
+        return Ok(KnownCamera { intrinsics, focal: FocalKnowledge::Unknown });
     };
     let wrong = |e: IntrinsicsError| WebError::Camera { text: text.clone(), reason: e.to_string() };
-    let known = if request.exif { FocalKnowledge::Exif } else { FocalKnowledge::Calibrated };
-    Ok((text.parse().map_err(wrong)?, known))
+    let focal = if request.exif { FocalKnowledge::Exif } else { FocalKnowledge::Calibrated };
+    Ok(KnownCamera { intrinsics: text.parse().map_err(wrong)?, focal })
 }
 
-fn options(request: &Seal) -> Result<SealOptions, WebError> {
+fn options(request: &request::Sealer) -> Result<SealOptions, WebError> {
     let wrong = |name, reason: String| WebError::Option { name, reason };
     let mut options = match &request.scheme {
         Some(scheme) => {
@@ -166,15 +204,16 @@ fn options(request: &Seal) -> Result<SealOptions, WebError> {
     if let Some(most) = request.max_image_side {
         options = options.with_limits(DeviceLimits { max_image_side: most, ..DeviceLimits::default() });
     }
-    if request.send_gravity == Some(false) {
-        return Ok(options.without_gravity());
-    }
-    let sd_deg = request.down_sd_deg.unwrap_or(CoarseGravity::TRACKING_SD_DEG);
-    let gravity = request.down.map(|down| CoarseGravity::new(down, sd_deg)).transpose();
-    Ok(options.with_gravity(gravity.map_err(|e| wrong("down", e.to_string()))?))
+    Ok(if request.send_gravity == Some(false) { options.without_gravity() } else { options })
 }
 
-fn orientation(request: &Seal) -> Result<Orientation, WebError> {
+fn gravity(request: &request::Extract) -> Result<Option<CoarseGravity>, WebError> {
+    let sd_deg = request.down_sd_deg.unwrap_or(CoarseGravity::TRACKING_SD_DEG);
+    let gravity = request.down.map(|down| CoarseGravity::new(down, sd_deg)).transpose();
+    gravity.map_err(|e| WebError::Option { name: "down", reason: e.to_string() })
+}
+
+fn orientation(request: &request::Extract) -> Result<Orientation, WebError> {
     let wrong = |name| WebError::Option {
         name,
         reason: "must be a rotation or direction that is not zero".to_owned(),

@@ -6,7 +6,8 @@ use rand_chacha::ChaCha20Rng;
 use serde_json::{Value, json};
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_features::{GrayImage, Image};
-use veiloc_obfuscation::{SealOptions, extract_loaded, seal};
+use veiloc_geometry::Intrinsics;
+use veiloc_obfuscation::{SealOptions, Sealer};
 use veiloc_protocol::{CoarseGravity, Profile, SealedQuery};
 use veiloc_web::device::Device;
 use veiloc_web::exports::reply;
@@ -39,30 +40,76 @@ fn call(device: &mut Device, head: &Value, parts: &[&[u8]]) -> (Value, Vec<u8>) 
     (head, bytes.to_vec())
 }
 
-/// A device with a profile, and the head of a call that seals.
-fn device_and_seal_call() -> (Device, Value) {
+/// A device with a profile, and its handle.
+fn device_and_profile() -> (Device, Value) {
     let mut device = Device::default();
     let (head, _) = call(&mut device, &json!({"op": "profile"}), &[&profile().encode()]);
     assert_eq!(head["id"], profile().id().to_string());
-    let seal_call =
-        json!({"op": "seal", "profile": head["profile"], "width": 320, "height": 240, "camera": CAMERA});
-    (device, seal_call)
+    (device, head["profile"].clone())
+}
+
+/// Calls with fields in place of the defaults: of the sealer, of the image, and the session.
+#[derive(Clone)]
+struct Calls {
+    profile: Value,
+    options: Value,
+    image: Value,
+    session: Value,
+    seed: [u8; 32],
+}
+
+impl Calls {
+    fn of(profile: Value) -> Self {
+        let image = json!({"width": 320, "height": 240, "camera": CAMERA});
+        Self { profile, options: json!({}), image, session: Value::Null, seed: SEED }
+    }
+
+    /// Makes a sealer, extracts and seals; the reply of the last call, or of the first that fails.
+    fn seal(&self, device: &mut Device, pixels: &[u8]) -> (Value, Vec<u8>) {
+        let (sealer, none) = call(
+            device,
+            &with(&self.options, &[("op", json!("sealer")), ("profile", self.profile.clone())]),
+            &[],
+        );
+        if !sealer["error"].is_null() {
+            return (sealer, none);
+        }
+        let sealer = ("sealer", sealer["sealer"].clone());
+        let (extracted, none) =
+            call(device, &with(&self.image, &[("op", json!("extract")), sealer.clone()]), &[pixels]);
+        if !extracted["error"].is_null() {
+            return (extracted, none);
+        }
+        let extracted = ("extracted", extracted["extracted"].clone());
+        let seal = with(&json!({"op": "seal", "session": self.session}), &[sealer, extracted]);
+        let sealed = call(device, &seal, &[&self.seed]);
+        // An image is sealed once (rule L7), also when it failed; an unknown session uses nothing up.
+        let again = call(device, &with(&seal, &[("session", Value::Null)]), &[&self.seed]).0;
+        assert_eq!(again["kind"] == "gone", sealed.0["kind"] != "gone", "{again}");
+        sealed
+    }
+}
+
+fn with(head: &Value, fields: &[(&str, Value)]) -> Value {
+    let mut head = head.clone();
+    for (field, value) in fields {
+        head[*field] = value.clone();
+    }
+    head
 }
 
 #[test]
 fn seals_equal_those_of_the_library() {
-    let (mut device, seal_call) = device_and_seal_call();
+    let (mut device, profile_handle) = device_and_profile();
     let pixels = pixels();
-    let (head, bytes) = call(&mut device, &seal_call, &[&SEED, &pixels]);
+    let (head, bytes) = Calls::of(profile_handle).seal(&mut device, &pixels);
 
     let rgb: Vec<u8> = pixels.chunks(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
     let image = Image::from(GrayImage::from_rgb8(320, 240, &rgb).expect("an image"));
-    let (profile, options) = (profile(), SealOptions::default());
-    let camera = CAMERA.parse().expect("a camera");
-    let (features, camera) =
-        extract_loaded(image, "image".as_ref(), &camera, &profile, &options).expect("features");
-    let mut rng = ChaCha20Rng::from_seed(SEED);
-    let query = seal(features, &camera, &profile, &options, &mut rng).expect("sealed");
+    let (profile, camera): (_, Intrinsics) = (profile(), CAMERA.parse().expect("a camera"));
+    let sealer = Sealer::new(&profile, SealOptions::default()).expect("its profile");
+    let extracted = sealer.extract(image, camera).expect("features");
+    let query = sealer.seal(extracted, &mut ChaCha20Rng::from_seed(SEED)).expect("sealed");
     assert!(query.encode() == bytes, "{head}");
     assert_eq!(head["rows"], query.len());
     assert!(query.len() >= 512, "too little texture for this test");
@@ -83,8 +130,8 @@ fn seals_equal_those_of_the_library() {
 
 #[test]
 fn shown_lines_are_those_of_the_query() {
-    let (mut device, seal_call) = device_and_seal_call();
-    let (head, bytes) = call(&mut device, &seal_call, &[&SEED, &pixels()]);
+    let (mut device, profile) = device_and_profile();
+    let (head, bytes) = Calls::of(profile).seal(&mut device, &pixels());
     let query = SealedQuery::decode(&bytes).expect("a query");
     let (shown, numbers) = call(&mut device, &json!({"op": "show", "query": head["query"]}), &[]);
     assert_eq!(
@@ -115,56 +162,47 @@ fn shown_lines_are_those_of_the_query() {
 
 #[test]
 fn gravity_is_sent_in_and_without_a_session_unless_it_is_switched_off() {
-    let (mut device, seal_call) = device_and_seal_call();
+    let (mut device, profile) = device_and_profile();
     let (session, _) = call(&mut device, &json!({"op": "session"}), &[&SEED]);
-    let pixels = pixels();
-    let mut gravity_of = |fields: &[(&str, Value)]| {
-        let mut seal_call = seal_call.clone();
-        for (field, value) in fields {
-            seal_call[field] = value.clone();
-        }
-        let (_, bytes) = call(&mut device, &seal_call, &[&SEED, &pixels]);
+    let (calls, pixels) = (Calls::of(profile), pixels());
+    let mut gravity_of = |fields: &[(&str, Value)], in_session: bool, options: Value| {
+        let session = if in_session { session["session"].clone() } else { Value::Null };
+        let calls = Calls { image: with(&calls.image, fields), session, options, ..calls.clone() };
+        let (_, bytes) = calls.seal(&mut device, &pixels);
         SealedQuery::decode(&bytes).expect("a query").gravity()
     };
     let down = ("down", json!([0.1, 0.9, 0.2]));
     let rounded = |sd_deg| CoarseGravity::new([0.1, 0.9, 0.2], sd_deg).ok();
-    assert_eq!(gravity_of(&[]), None);
-    assert_eq!(gravity_of(std::slice::from_ref(&down)), rounded(0.5));
-    assert_eq!(gravity_of(&[down.clone(), ("downSdDeg", json!(2))]), rounded(2.0));
-    let session = ("session", session["session"].clone());
-    let orientation = ("orientation", json!([1.0, 0.0, 0.0, 0.0]));
-    assert_eq!(gravity_of(&[down.clone(), session.clone(), orientation.clone()]), rounded(0.5));
-    assert_eq!(gravity_of(&[down, session, orientation, ("sendGravity", json!(false))]), None);
+    assert_eq!(gravity_of(&[], false, json!({})), None);
+    assert_eq!(gravity_of(std::slice::from_ref(&down), false, json!({})), rounded(0.5));
+    assert_eq!(gravity_of(&[down.clone(), ("downSdDeg", json!(2))], false, json!({})), rounded(2.0));
+    let held = [down, ("orientation", json!([1.0, 0.0, 0.0, 0.0]))];
+    assert_eq!(gravity_of(&held, true, json!({})), rounded(0.5));
+    assert_eq!(gravity_of(&held, true, json!({"sendGravity": false})), None);
 }
 
 #[test]
 fn session_resumes_from_bytes() {
-    let (mut device, mut seal_call) = device_and_seal_call();
+    let (mut device, profile) = device_and_profile();
     let (session, _) = call(&mut device, &json!({"op": "session", "anchors": "world"}), &[&SEED]);
-    seal_call["session"] = session["session"].clone();
-    seal_call["orientation"] = json!([1.0, 0.0, 0.0, 0.0]);
+    let mut calls = Calls { session: session["session"].clone(), ..Calls::of(profile) };
+    calls.image["orientation"] = json!([1.0, 0.0, 0.0, 0.0]);
     let pixels = pixels();
-    let (first, _) = call(&mut device, &seal_call, &[&SEED, &pixels]);
+    let (first, _) = calls.seal(&mut device, &pixels);
     assert_eq!((&first["frames"], &first["starts"]), (&json!(1), &json!(1)), "{first}");
-    let (_, session_bytes) =
-        call(&mut device, &json!({"op": "sessionBytes", "session": seal_call["session"]}), &[]);
+    let (_, session_bytes) = call(&mut device, &json!({"op": "sessionBytes", "session": calls.session}), &[]);
     let (again, _) = call(&mut device, &json!({"op": "sessionFrom"}), &[&session_bytes]);
     assert_eq!(again["frames"], 1);
-    seal_call["session"] = again["session"].clone();
-    seal_call["orientation"] = json!([0.9998, 0.0, 0.02, 0.0]);
-    let (second, _) = call(&mut device, &seal_call, &[&[8; 32], &pixels]);
+    (calls.session, calls.seed) = (again["session"].clone(), [8; 32]);
+    calls.image["orientation"] = json!([0.9998, 0.0, 0.02, 0.0]);
+    let (second, _) = calls.seal(&mut device, &pixels);
     assert_eq!((&second["frames"], &second["starts"]), (&json!(2), &json!(1)), "{second}");
 }
 
 #[test]
 fn invalid_calls_return_errors() {
-    let (mut device, seal_call) = device_and_seal_call();
-    let pixels = pixels();
-    let with = |field: &str, value: Value| {
-        let mut seal_call = seal_call.clone();
-        seal_call[field] = value;
-        seal_call
-    };
+    let (mut device, profile) = device_and_profile();
+    let (calls, pixels) = (Calls::of(profile), pixels());
     for (head, bytes, kind) in [
         (json!({"op": "no"}), &[][..], "call"),
         (json!([]), &[], "call"),
@@ -176,27 +214,39 @@ fn invalid_calls_return_errors() {
         (json!({"op": "attack", "attack": "guess", "queryBytes": 0}), &[], "option"),
         (json!({"op": "attack", "attack": "prior", "queryBytes": 2}), &[1, 2, 3], "query"),
         (json!({"op": "attack", "attack": "prior", "queryBytes": 4}), &[1, 2, 3], "call"),
-        (seal_call.clone(), &pixels[..40], "image"),
-        (with("width", json!(0)), &pixels, "image"),
-        (with("width", json!(u32::MAX)), &pixels, "image"),
-        (with("camera", json!("SIMPLE_PINHOLE,320,240")), &pixels, "camera"),
-        (with("camera", json!("SIMPLE_PINHOLE,640,480,500,320,240")), &pixels, "image"),
-        (with("scheme", json!("points")), &pixels, "seal"),
-        (with("scheme", json!("rot13")), &pixels, "option"),
-        (with("angleBits", json!(200)), &pixels, "option"),
-        (with("session", json!(77)), &pixels, "gone"),
-        (with("profile", json!(77)), &pixels, "gone"),
-        (with("secret", json!(1)), &pixels, "call"),
+        (json!({"op": "sealer", "profile": 77}), &[], "gone"),
+        (json!({"op": "extract", "sealer": 77, "width": 320, "height": 240}), &pixels, "gone"),
+        (json!({"op": "seal", "sealer": 77, "extracted": 77}), &SEED, "gone"),
     ] {
-        let (answer, _) = call(&mut device, &head, &[&SEED, bytes][usize::from(head["op"] != "seal")..]);
+        let (answer, _) = call(&mut device, &head, &[bytes]);
         assert_eq!(answer["kind"], kind, "{head}: {answer}");
         assert!(answer["error"].as_str().is_some_and(|text| !text.is_empty()));
+    }
+    let image = |field, value| Calls { image: with(&calls.image, &[(field, value)]), ..calls.clone() };
+    let options = |field, value| Calls { options: with(&calls.options, &[(field, value)]), ..calls.clone() };
+    for (calls, bytes, kind) in [
+        (calls.clone(), &pixels[..40], "image"),
+        (image("width", json!(0)), &pixels, "image"),
+        (image("width", json!(u32::MAX)), &pixels, "image"),
+        (image("camera", json!("SIMPLE_PINHOLE,320,240")), &pixels, "camera"),
+        (image("camera", json!("SIMPLE_PINHOLE,640,480,500,320,240")), &pixels, "image"),
+        (image("orientation", json!([0, 0, 0, 0])), &pixels, "option"),
+        (image("secret", json!(1)), &pixels, "call"),
+        (options("scheme", json!("points")), &pixels, "seal"),
+        (options("scheme", json!("rot13")), &pixels, "option"),
+        (options("angleBits", json!(200)), &pixels, "option"),
+        (options("secret", json!(1)), &pixels, "call"),
+        (Calls { session: json!(77), ..calls.clone() }, &pixels, "gone"),
+        (Calls { profile: json!(77), ..calls.clone() }, &pixels, "gone"),
+    ] {
+        let (answer, _) = calls.seal(&mut device, bytes);
+        assert_eq!(answer["kind"], kind, "{answer}");
     }
     for junk in [&[][..], &[255; 3], &[255; 64], &[0; 64]] {
         let answer = reply(&mut device, junk);
         assert_eq!(message::read::<Value>(&answer).expect("a reply").0["kind"], "call");
     }
-    let (sealed, _) = call(&mut device, &seal_call, &[&SEED, &pixels]);
+    let (sealed, _) = calls.seal(&mut device, &pixels);
     let (reply_head, exhibit) = call(&mut device, &json!({"op": "exhibit", "query": sealed["query"]}), &[]);
     let attack = json!({"op": "attack", "attack": "prior", "queryBytes": reply_head["queryBytes"]});
     for cut in [exhibit.len() - 1, exhibit.len() - 16] {
@@ -207,17 +257,14 @@ fn invalid_calls_return_errors() {
         );
     }
     // A blank image has no features.
-    assert_eq!(call(&mut device, &seal_call, &[&SEED, &vec![90; 320 * 240 * 4]]).0["kind"], "texture");
+    assert_eq!(calls.seal(&mut device, &vec![90; 320 * 240 * 4]).0["kind"], "texture");
 }
 
 #[test]
 fn oldest_queries_are_dropped() {
-    let (mut device, seal_call) = device_and_seal_call();
-    let pixels = pixels();
-    let mut small = seal_call;
-    small["maxKeypoints"] = json!(256);
-    let handles: Vec<Value> =
-        (0..34).map(|_| call(&mut device, &small, &[&SEED, &pixels]).0["query"].clone()).collect();
+    let (mut device, profile) = device_and_profile();
+    let (small, pixels) = (Calls { options: json!({"maxKeypoints": 256}), ..Calls::of(profile) }, pixels());
+    let handles: Vec<Value> = (0..34).map(|_| small.seal(&mut device, &pixels).0["query"].clone()).collect();
     let is_stored = |device: &mut Device, query: &Value| {
         call(device, &json!({"op": "show", "query": query}), &[]).0["kind"].is_null()
     };

@@ -8,7 +8,7 @@ mod rendered;
 use std::error::Error;
 use std::path::Path;
 
-use veiloc::device::{SealOptions, SealedQuery, seal_image};
+use veiloc::device::{Image, SealOptions, SealedQuery, Sealer, device_rng};
 use veiloc::geometry::{CameraFromWorld, Intrinsics};
 use veiloc::server::{
     BuildOptions, FinishOptions, Input, LocalizeOptions, MapFile, PosedImages, build, finish, localize,
@@ -50,8 +50,9 @@ fn build_map(posed: &PosedImages, images: &Path, map: &Path) -> Result<(), Box<d
 /// Device and server in one process; in practice the bytes cross a network (`veiloc::device::Client`).
 fn localize_image(image: &Path, camera: &Intrinsics, map: &Path) -> Result<CameraFromWorld, Box<dyn Error>> {
     let map = MapFile::open(map)?;
-    let sealed = seal_image(image, camera, map.profile(), &SealOptions::default())?;
-    let bytes = sealed.query.encode();
+    let sealer = Sealer::new(map.profile(), SealOptions::default())?;
+    let extracted = sealer.extract(Image::open(image)?, *camera)?;
+    let bytes = sealer.seal(extracted, &mut device_rng()?)?.encode();
     let found = localize(&SealedQuery::decode(&bytes)?, &map, &LocalizeOptions::default())?;
     Ok(found.cam_from_world)
 }

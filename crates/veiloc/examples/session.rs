@@ -8,7 +8,7 @@ mod rendered;
 use std::error::Error;
 use std::path::Path;
 
-use veiloc::device::{Orientation, SealOptions, SealedQuery, SessionFile};
+use veiloc::device::{Image, Orientation, SealOptions, SealedQuery, Sealer, SessionFile};
 use veiloc::geometry::{CameraFromWorld, Intrinsics};
 use veiloc::server::{BuildOptions, Input, LocalizeOptions, MapFile, build, localize, write_map};
 
@@ -26,10 +26,11 @@ pub(crate) fn run() -> Result<Vec<f64>, Box<dyn Error>> {
     write_map(&model, &map)?;
     let map = MapFile::open(&map)?;
 
+    let sealer = Sealer::new(map.profile(), SealOptions::default())?;
     let session = folder.path().join("walk.session");
     let mut errors = Vec::new();
     for (image, truth) in &scene.queries {
-        let bytes = seal(image, &scene.camera, truth, &map, &session)?;
+        let bytes = seal(&sealer, image, scene.camera, truth, &session)?;
         let found = localize(&SealedQuery::decode(&bytes)?, &map, &LocalizeOptions::default())?;
         errors.push(found.cam_from_world.translation_error(truth));
         println!("{}: {:.1} mm off", image.display(), 1e3 * found.cam_from_world.translation_error(truth));
@@ -40,16 +41,15 @@ pub(crate) fn run() -> Result<Vec<f64>, Box<dyn Error>> {
 
 /// The device: the session's file is opened for each image, so the app may be closed between two images.
 fn seal(
+    sealer: &Sealer,
     image: &Path,
-    camera: &Intrinsics,
+    camera: Intrinsics,
     truth: &CameraFromWorld,
-    map: &MapFile,
     session: &Path,
 ) -> Result<Vec<u8>, Box<dyn Error>> {
     // Orientation of the camera in the device's own world frame: from its gyroscope or odometry. Here from the true
     // pose.
     let held = Orientation::in_world(*truth.rotation()).unwrap_or(Orientation::unknown());
-    let mut session = SessionFile::open(session, None)?;
-    let sealed = session.seal_image(image, camera, map.profile(), &SealOptions::default(), &held)?;
-    Ok(sealed.query.encode())
+    let extracted = sealer.extract(Image::open(image)?, camera)?.with_orientation(held);
+    Ok(SessionFile::open(session, None)?.seal(sealer, extracted)?.encode())
 }

@@ -17,7 +17,7 @@
 //! # Device and server side in one program
 //! On a rendered scene; all later steps are the same for real images.
 //! ```
-//! use veiloc::device::{DeviceLimits, SealOptions, SealedQuery, seal_image};
+//! use veiloc::device::{DeviceLimits, Image, SealOptions, SealedQuery, Sealer, device_rng};
 //! use veiloc::geometry::{CameraFromWorld, Intrinsics};
 //! use veiloc::server::{
 //!     BuildOptions, FinishOptions, GravityDirection, Input, LocalizeOptions, MapFile, PosedImage, PosedImages, build,
@@ -47,8 +47,9 @@
 //! write_map(&model, &folder.path().join("place.vmap"))?;
 //!
 //! // The device: it needs the map's profile, which holds no map data.
-//! let sealed = seal_image(&folder.path().join(query), &camera, &model.profile, &SealOptions::default())?;
-//! let bytes = sealed.query.encode(); // all that leaves the device
+//! let sealer = Sealer::new(&model.profile, SealOptions::default())?;
+//! let extracted = sealer.extract(Image::open(&folder.path().join(query))?, camera)?;
+//! let bytes = sealer.seal(extracted, &mut device_rng()?)?.encode(); // all that leaves the device
 //!
 //! // The server.
 //! let map = MapFile::open(&folder.path().join("place.vmap"))?;

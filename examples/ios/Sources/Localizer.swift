@@ -8,7 +8,7 @@ final class Localizer {
     let alignment: Alignment
     private let server: URL
     private let map: String
-    private let profile: Profile
+    private let sealer: Sealer
     private let session: Session
     private let burst: Burst
     private var misses: UInt32 = 0
@@ -19,7 +19,8 @@ final class Localizer {
         alignment = try Alignment()
         session = try Session()
         burst = try Burst()
-        profile = try Profile(bytes: Localizer.request(server, map, "profile", body: nil).1)
+        let profile = try Profile(bytes: Localizer.request(server, map, "profile", body: nil).1)
+        sealer = try Sealer(profile: profile)
     }
 
     /// Takes a frame: from `session(_:didUpdate:)`, while the camera is tracked. Returns whether `locate` has a full burst.
@@ -50,7 +51,7 @@ final class Localizer {
     func locate() throws -> String {
         let sealed: SealedBurst
         do {
-            sealed = try burst.seal(profile: profile, session: session)
+            sealed = try burst.seal(sealer: sealer, session: session)
         } catch {
             // Nothing was sent: another burst costs nothing.
             return adviceText(advice: advice(query: nil, answer: nil))

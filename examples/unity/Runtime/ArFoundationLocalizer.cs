@@ -19,7 +19,7 @@ namespace Veiloc
         /// <summary>Clockwise degrees from the sensor's image to the display: 90 for a phone held upright.</summary>
         public int turnDegrees = 90;
 
-        Profile profile;
+        Sealer sealer;
         Session session;
         Burst burst;
         Alignment alignment;
@@ -32,12 +32,12 @@ namespace Veiloc
             session = Session.Begin();
             burst = Burst.Begin();
             alignment = Alignment.Begin();
-            profile = Profile.Read(bytes);
+            using (var profile = Profile.Read(bytes)) sealer = Sealer.For(profile);
         }
 
         async void Update()
         {
-            if (profile == null || ARSession.state != ARSessionState.SessionTracking) return;
+            if (sealer == null || ARSession.state != ARSessionState.SessionTracking) return;
             if (!cameraManager.TryGetIntrinsics(out XRCameraIntrinsics k) || !cameraManager.TryAcquireLatestCpuImage(out XRCpuImage image)) return;
             using (image)
             {
@@ -55,7 +55,7 @@ namespace Veiloc
             busy = true;
             try
             {
-                using (var made = await Task.Run(() => burst.Seal(profile, session)))
+                using (var made = await Task.Run(() => burst.Seal(sealer, session)))
                 {
                     var (status, bytes) = await Request("localize-rig", made.Bytes());
                     if (status != 200) return;
@@ -95,7 +95,7 @@ namespace Veiloc
             alignment?.Dispose();
             burst?.Dispose();
             session?.Dispose();
-            profile?.Dispose();
+            sealer?.Dispose();
         }
     }
 }

@@ -172,7 +172,6 @@ namespace Veiloc
             internal IntPtr Scheme;
             internal uint MaxKeypoints, MaxImageSide, AngleBits;
             [MarshalAs(UnmanagedType.U1)] internal bool WithoutGravity;
-            internal IntPtr Cancellation;
         }
 
         [DllImport(Library)] internal static extern IntPtr veiloc_last_error();
@@ -186,10 +185,14 @@ namespace Veiloc
         [DllImport(Library)] internal static extern Status veiloc_session_to_bytes(IntPtr session, out Bytes bytes);
         [DllImport(Library)] internal static extern SessionInfo veiloc_session_info(IntPtr session);
         [DllImport(Library)] internal static extern void veiloc_session_free(IntPtr session);
-        [DllImport(Library)] internal static extern Status veiloc_seal(IntPtr profile, IntPtr session, ref Frame frame, IntPtr camera, IntPtr options, uint axes, IntPtr pose, out IntPtr handle);
+        [DllImport(Library)] internal static extern Status veiloc_sealer_new(IntPtr profile, ref Options options, out IntPtr handle);
+        [DllImport(Library)] internal static extern Status veiloc_sealer_extract(IntPtr sealer, ref Frame frame, IntPtr camera, uint axes, IntPtr pose, IntPtr cancellation, out IntPtr handle);
+        [DllImport(Library)] internal static extern Status veiloc_sealer_seal(IntPtr sealer, IntPtr session, IntPtr extracted, out IntPtr handle);
 #if VEILOC_SEEDED
-        [DllImport(Library)] internal static extern Status veiloc_seal_seeded(IntPtr profile, IntPtr session, ref Frame frame, IntPtr camera, IntPtr options, uint axes, IntPtr pose, byte[] seed, out IntPtr handle);
+        [DllImport(Library)] internal static extern Status veiloc_sealer_seal_seeded(IntPtr sealer, IntPtr session, IntPtr extracted, byte[] seed, out IntPtr handle);
 #endif
+        [DllImport(Library)] internal static extern void veiloc_sealer_free(IntPtr sealer);
+        [DllImport(Library)] internal static extern void veiloc_extracted_free(IntPtr extracted);
         [DllImport(Library)] internal static extern Status veiloc_cancellation_new(out IntPtr handle);
         [DllImport(Library)] internal static extern void veiloc_cancel(IntPtr cancellation);
         [DllImport(Library)] internal static extern void veiloc_cancellation_free(IntPtr cancellation);
@@ -201,7 +204,7 @@ namespace Veiloc
         [DllImport(Library)] internal static extern Status veiloc_burst_offer(IntPtr burst, ref Frame frame, IntPtr camera, uint axes, ref Pose pose, double timestamp);
         [DllImport(Library)] internal static extern uint veiloc_burst_frames(IntPtr burst);
         [DllImport(Library)] internal static extern void veiloc_burst_clear(IntPtr burst);
-        [DllImport(Library)] internal static extern Status veiloc_burst_seal(IntPtr burst, IntPtr profile, IntPtr session, ref Options options, out IntPtr handle);
+        [DllImport(Library)] internal static extern Status veiloc_burst_seal(IntPtr burst, IntPtr sealer, IntPtr session, IntPtr cancellation, out IntPtr handle);
         [DllImport(Library)] internal static extern void veiloc_burst_free(IntPtr burst);
         [DllImport(Library)] internal static extern Status veiloc_sealed_burst_bytes(IntPtr sealedBurst, out Bytes bytes);
         [DllImport(Library)] internal static extern Status veiloc_sealed_burst_camera_in_world(IntPtr sealedBurst, uint axes, out Pose pose);
@@ -248,10 +251,7 @@ namespace Veiloc
 
         internal static byte[] Utf8(string text) { return Encoding.UTF8.GetBytes(text + "\0"); }
 
-        internal static Options OptionsOf(bool sendGravity, Veiloc.Cancellation cancellation)
-        {
-            return new Options { WithoutGravity = !sendGravity, Cancellation = cancellation == null ? IntPtr.Zero : cancellation.Value };
-        }
+        internal static IntPtr ValueOf(Handle handle) { return handle == null ? IntPtr.Zero : handle.Value; }
 
         /// <summary>A frame and its camera in memory of the library's layout.</summary>
         internal sealed class Input : IDisposable
@@ -367,7 +367,7 @@ namespace Veiloc
         internal override void Free(IntPtr handle) { Native.veiloc_session_free(handle); }
     }
 
-    /// <summary>A request to stop a call to Seal. From a CancellationToken: token.Register(cancellation.Cancel).</summary>
+    /// <summary>A request to stop a call to Sealer.Extract or Burst.Seal. From a CancellationToken: token.Register(cancellation.Cancel).</summary>
     public class Cancellation : Handle
     {
         Cancellation(IntPtr handle) : base(handle) { }
@@ -390,75 +390,96 @@ namespace Veiloc
         internal override void Free(IntPtr handle) { Native.veiloc_cancellation_free(handle); }
     }
 
-    /// <summary>A sealed query.</summary>
-    public class Query : Handle
+    /// <summary>Seals frames for one map. Several threads may use it at once.</summary>
+    public class Sealer : Handle
     {
-        Query(IntPtr handle) : base(handle) { }
+        Sealer(IntPtr handle) : base(handle) { }
 
-        /// <summary>Seals a frame. Call it on a thread of its own: it takes tens of milliseconds.</summary>
+        /// <summary>Checks what the profile asks for.</summary>
+        /// <param name="sendGravity">Whether the direction of gravity is sent, rounded to about a degree, where the pose is known.</param>
+        public static Sealer For(Profile profile, bool sendGravity = true)
+        {
+            IntPtr handle;
+            var options = new Native.Options { WithoutGravity = !sendGravity };
+            Native.Check(Native.veiloc_sealer_new(profile.Value, ref options, out handle));
+            GC.KeepAlive(profile);
+            return new Sealer(handle);
+        }
+
+        /// <summary>Extracts the features of a frame. Call it on a thread of its own: it takes tens of milliseconds.</summary>
         /// <param name="pixels">The first byte; in Unity NativeArrayUnsafeUtility.GetUnsafeReadOnlyPtr of XRCpuImage.GetPlane(0).data.</param>
         /// <param name="camera">Null for a guessed focal length.</param>
-        /// <param name="session">Null for a frame of its own.</param>
         /// <param name="pose">The pose of the camera when it took the frame. It stays on the device, except for gravity.</param>
         /// <param name="cancellation">Null for a call that is not stopped.</param>
-        /// <param name="sendGravity">Whether the direction of gravity is sent, rounded to about a degree, where the pose is known.</param>
-        public static Query Seal(Profile profile, IntPtr pixels, long length, FrameLayout layout, Camera camera = null, Session session = null, Axes axes = Axes.Unity, Pose? pose = null, Cancellation cancellation = null, bool sendGravity = true)
+        public Extracted Extract(IntPtr pixels, long length, FrameLayout layout, Camera camera = null, Axes axes = Axes.Unity, Pose? pose = null, Cancellation cancellation = null)
         {
-            return Seal(profile, pixels, length, layout, camera, session, axes, pose, cancellation, sendGravity, null);
-        }
-
-        /// <summary>As above, for bytes of C#.</summary>
-        public static Query Seal(Profile profile, byte[] pixels, FrameLayout layout, Camera camera = null, Session session = null, Axes axes = Axes.Unity, Pose? pose = null, Cancellation cancellation = null, bool sendGravity = true)
-        {
-            var pinned = GCHandle.Alloc(pixels, GCHandleType.Pinned);
-            try { return Seal(profile, pinned.AddrOfPinnedObject(), pixels.Length, layout, camera, session, axes, pose, cancellation, sendGravity, null); }
-            finally { pinned.Free(); }
-        }
-
-#if VEILOC_SEEDED
-        /// <summary>With 32 bytes of randomness, for tests that compare queries.</summary>
-        public static Query SealSeeded(Profile profile, byte[] pixels, FrameLayout layout, Camera camera, byte[] seed)
-        {
-            var pinned = GCHandle.Alloc(pixels, GCHandleType.Pinned);
-            try { return Seal(profile, pinned.AddrOfPinnedObject(), pixels.Length, layout, camera, null, Axes.Unity, null, null, true, seed); }
-            finally { pinned.Free(); }
-        }
-#endif
-
-        static Query Seal(Profile profile, IntPtr pixels, long length, FrameLayout layout, Camera camera, Session session, Axes axes, Pose? pose, Cancellation cancellation, bool sendGravity, byte[] seed)
-        {
-            IntPtr handle, poseAt = IntPtr.Zero, optionsAt = Marshal.AllocHGlobal(Marshal.SizeOf(typeof(Native.Options)));
+            IntPtr handle, poseAt = IntPtr.Zero;
             try
             {
-                Marshal.StructureToPtr(Native.OptionsOf(sendGravity, cancellation), optionsAt, false);
                 if (pose.HasValue)
                 {
                     poseAt = Marshal.AllocHGlobal(Marshal.SizeOf(typeof(Pose)));
                     Marshal.StructureToPtr(pose.Value, poseAt, false);
                 }
-                var sessionAt = session == null ? IntPtr.Zero : session.Value;
                 using (var input = new Native.Input(pixels, length, layout, camera))
-                {
-#if VEILOC_SEEDED
-                    if (seed != null)
-                    {
-                        Native.Check(Native.veiloc_seal_seeded(profile.Value, sessionAt, ref input.Frame, input.Camera, optionsAt, (uint)axes, poseAt, seed, out handle));
-                        return new Query(handle);
-                    }
-#endif
-                    Native.Check(Native.veiloc_seal(profile.Value, sessionAt, ref input.Frame, input.Camera, optionsAt, (uint)axes, poseAt, out handle));
-                    return new Query(handle);
-                }
+                    Native.Check(Native.veiloc_sealer_extract(Value, ref input.Frame, input.Camera, (uint)axes, poseAt, Native.ValueOf(cancellation), out handle));
+                return new Extracted(handle);
             }
             finally
             {
                 Marshal.FreeHGlobal(poseAt);
-                Marshal.FreeHGlobal(optionsAt);
-                GC.KeepAlive(profile);
-                GC.KeepAlive(session);
+                GC.KeepAlive(this);
                 GC.KeepAlive(cancellation);
             }
         }
+
+        /// <summary>As above, for bytes of C#.</summary>
+        public Extracted Extract(byte[] pixels, FrameLayout layout, Camera camera = null, Axes axes = Axes.Unity, Pose? pose = null, Cancellation cancellation = null)
+        {
+            var pinned = GCHandle.Alloc(pixels, GCHandleType.Pinned);
+            try { return Extract(pinned.AddrOfPinnedObject(), pixels.Length, layout, camera, axes, pose, cancellation); }
+            finally { pinned.Free(); }
+        }
+
+        /// <summary>Seals the features of a frame, once: they are used up then.</summary>
+        /// <param name="session">Null for a frame of its own. Frames of one place belong to one session.</param>
+        public Query Seal(Extracted extracted, Session session = null)
+        {
+            IntPtr handle;
+            Native.Check(Native.veiloc_sealer_seal(Value, Native.ValueOf(session), extracted.Value, out handle));
+            GC.KeepAlive(this);
+            GC.KeepAlive(session);
+            GC.KeepAlive(extracted);
+            return new Query(handle);
+        }
+
+#if VEILOC_SEEDED
+        /// <summary>With 32 bytes of randomness, for tests that compare queries.</summary>
+        public Query SealSeeded(Extracted extracted, byte[] seed)
+        {
+            IntPtr handle;
+            Native.Check(Native.veiloc_sealer_seal_seeded(Value, IntPtr.Zero, extracted.Value, seed, out handle));
+            GC.KeepAlive(this);
+            GC.KeepAlive(extracted);
+            return new Query(handle);
+        }
+#endif
+
+        internal override void Free(IntPtr handle) { Native.veiloc_sealer_free(handle); }
+    }
+
+    /// <summary>The features of a frame, until they are sealed. They hold positions of keypoints, and are never sent.</summary>
+    public class Extracted : Handle
+    {
+        internal Extracted(IntPtr handle) : base(handle) { }
+
+        internal override void Free(IntPtr handle) { Native.veiloc_extracted_free(handle); }
+    }
+
+    /// <summary>A sealed query.</summary>
+    public class Query : Handle
+    {
+        internal Query(IntPtr handle) : base(handle) { }
 
         public QueryInfo Info { get { return Native.veiloc_query_info(Value); } }
 
@@ -521,13 +542,12 @@ namespace Veiloc
 
         /// <summary>Seals the frames in the session of their place, and forgets them. A frame that cannot be sealed is left out; when none
         /// can, the session has not changed. Call it on a thread of its own.</summary>
-        public SealedBurst Seal(Profile profile, Session session, Cancellation cancellation = null, bool sendGravity = true)
+        public SealedBurst Seal(Sealer sealer, Session session, Cancellation cancellation = null)
         {
             IntPtr handle;
-            var options = Native.OptionsOf(sendGravity, cancellation);
-            Native.Check(Native.veiloc_burst_seal(Value, profile.Value, session.Value, ref options, out handle));
+            Native.Check(Native.veiloc_burst_seal(Value, sealer.Value, session.Value, Native.ValueOf(cancellation), out handle));
             GC.KeepAlive(this);
-            GC.KeepAlive(profile);
+            GC.KeepAlive(sealer);
             GC.KeepAlive(session);
             GC.KeepAlive(cancellation);
             return new SealedBurst(handle);

@@ -31,6 +31,7 @@ static class Program
     {
         int count = 0, repeat = int.Parse(arguments[2]);
         using (var profile = Profile.Read(File.ReadAllBytes(arguments[0])))
+        using (var sealer = Sealer.For(profile))
         {
             Expect(profile.Id.Length == 32 && Library.Version.Length > 2, "an id and a version");
             using (var answer = Answer.Read(File.ReadAllBytes(Path.Combine(arguments[1], "answer"))))
@@ -47,15 +48,16 @@ static class Program
                 var expected = File.ReadAllBytes(Path.Combine(arguments[1], words[0] + ".query"));
                 var seed = Enumerable.Repeat((byte)int.Parse(words[0]), 32).ToArray();
                 for (int i = 0; i < (count == 0 ? repeat + 1 : 1); i++)
-                    using (var query = Query.SealSeeded(profile, pixels, layout, camera, seed))
+                    using (var extracted = sealer.Extract(pixels, layout, camera))
+                    using (var query = sealer.SealSeeded(extracted, seed))
                     {
                         Expect(query.Bytes().SequenceEqual(expected), "frame " + words[0] + " equals the reference");
                         Expect(query.Info.Steps.Last() == query.Info.Rows && query.Info.Brightness > 0, "the numbers of a query");
                     }
                 if (count == 0)
                 {
-                    Border(profile, pixels, layout, camera);
-                    Cancelled(profile, pixels, layout, camera);
+                    Border(profile, sealer, pixels, layout, camera);
+                    Cancelled(sealer, pixels, layout, camera);
                 }
                 count++;
             }
@@ -63,7 +65,7 @@ static class Program
         Console.WriteLine(count + " queries equal, " + repeat + " repeated");
     }
 
-    static void Border(Profile profile, byte[] pixels, FrameLayout layout, Camera camera)
+    static void Border(Profile profile, Sealer sealer, byte[] pixels, FrameLayout layout, Camera camera)
     {
         Throws(Status.Profile, "a profile", () => Profile.Read(new byte[10]));
         Throws(Status.Answer, "an answer", () => Answer.Read(new byte[0]));
@@ -71,14 +73,16 @@ static class Program
         Throws(Status.Argument, "anchors", () => Session.Begin("nowhere"));
         Throws(Status.Argument, "a unit", () => Alignment.Begin(0));
         var wrong = new Camera { Model = camera.Model, Width = 1, Height = camera.Height, Params = camera.Params };
-        Throws(Status.Image, "a size", () => Query.Seal(profile, pixels, layout, wrong));
+        Throws(Status.Image, "a size", () => sealer.Extract(pixels, layout, wrong));
         var gray = new FrameLayout { Width = layout.Width, Height = layout.Height };
-        Throws(Status.Texture, "a black frame", () => Query.Seal(profile, new byte[layout.Width * layout.Height], gray, camera));
+        Throws(Status.Texture, "a black frame", () => sealer.Seal(sealer.Extract(new byte[layout.Width * layout.Height], gray, camera)));
         var pose = new Pose(1, 2, 3, 0, 0, 0, 1);
         using (var session = Session.Begin("gravity"))
-        using (var query = Query.Seal(profile, pixels, layout, camera, session, Axes.Unity, pose))
+        using (var extracted = sealer.Extract(pixels, layout, camera, Axes.Unity, pose))
+        using (var query = sealer.Seal(extracted, session))
         using (var restored = Session.Read(session.ToBytes()))
         {
+            Throws(Status.Argument, "a frame is sealed once", () => sealer.Seal(extracted, session));
             Expect(restored.Info.Frames == 1 && restored.Info.Starts == 1 && query.Info.Keypoints > 0, "a session");
             Expect(Library.Text(Library.AdviceFor(query.Info, null)).Length > 5, "an advice");
         }
@@ -95,17 +99,18 @@ static class Program
         var dark = new byte[layout.Width * layout.Height];
         var moved = new Pose(1.02, 2, 3, 0, 0, 0, 1);
         using (var session = Session.Begin())
+        using (var sealer = Sealer.For(profile, sendGravity: false))
         using (var burst = Burst.Begin(new BurstOptions { MetresPerUnit = 1 }))
         {
             Throws(Status.Argument, "a time", () => burst.Offer(pixels, layout, camera, pose, double.NaN));
-            Throws(Status.Argument, "no frame", () => burst.Seal(profile, session));
+            Throws(Status.Argument, "no frame", () => burst.Seal(sealer, session));
             burst.Offer(dark, gray, camera, pose, 1);
-            Throws(Status.Texture, "a black burst", () => burst.Seal(profile, session));
+            Throws(Status.Texture, "a black burst", () => burst.Seal(sealer, session));
             Expect(burst.Frames == 0 && session.Info.Frames == 0, "the session has not changed");
             burst.Offer(pixels, layout, camera, pose, 2);
             burst.Offer(dark, gray, camera, pose, 2.4);
             burst.Offer(pixels, layout, camera, moved, 2.8);
-            using (var made = burst.Seal(profile, session, sendGravity: false))
+            using (var made = burst.Seal(sealer, session))
             {
                 Expect(made.Info.Frames == 2 && made.Info.LeftOut == 1 && session.Info.Frames == 2, "two frames");
                 Expect(made.Info.Newest.Keypoints > 0 && Math.Abs(made.CameraInWorld().X - 1.02) < 1e-9, "the newest frame");
@@ -118,20 +123,20 @@ static class Program
     }
 
     // Another thread cancels while frames are sealed.
-    static void Cancelled(Profile profile, byte[] pixels, FrameLayout layout, Camera camera)
+    static void Cancelled(Sealer sealer, byte[] pixels, FrameLayout layout, Camera camera)
     {
         using (var session = Session.Begin())
         using (var cancellation = Cancellation.Begin())
         {
-            Query.Seal(profile, pixels, layout, camera, session, cancellation: cancellation).Dispose();
+            using (var extracted = sealer.Extract(pixels, layout, camera, cancellation: cancellation)) sealer.Seal(extracted, session).Dispose();
             var thread = new Thread(cancellation.Cancel);
             thread.Start();
             Throws(Status.Cancelled, "a cancelled call", () =>
             {
-                for (int i = 0; i < 1000; i++) Query.Seal(profile, pixels, layout, camera, cancellation: cancellation).Dispose();
+                for (int i = 0; i < 1000; i++) sealer.Extract(pixels, layout, camera, cancellation: cancellation).Dispose();
             });
             thread.Join();
-            Throws(Status.Cancelled, "later ones", () => Query.Seal(profile, pixels, layout, camera, session, cancellation: cancellation));
+            Throws(Status.Cancelled, "later ones", () => sealer.Extract(pixels, layout, camera, cancellation: cancellation));
             Expect(session.Info.Frames == 1, "the session has not changed");
         }
     }
@@ -165,6 +170,7 @@ static class Program
         var layout = new FrameLayout { Format = PixelFormat.Gray, Width = camera.Width, Height = camera.Height };
         var poses = File.ReadAllLines(arguments[5]).Select(line => line.Split(' ').Select(Number).ToArray()).ToArray();
         using (var profile = Profile.Read(Request(url + "/profile", null)))
+        using (var sealer = Sealer.For(profile))
         using (var session = Session.Begin())
         using (var burst = Burst.Begin())
         using (var alignment = Alignment.Begin())
@@ -176,7 +182,7 @@ static class Program
                 var pixels = file.Skip(file.Length - (int)(camera.Width * camera.Height)).ToArray();
                 burst.Offer(pixels, layout, camera, new Pose(p[1], p[2], p[3], p[4], p[5], p[6], p[7]), p[0], Axes.OpenGl);
                 if (burst.Frames < 3) continue;
-                using (var made = burst.Seal(profile, session))
+                using (var made = burst.Seal(sealer, session))
                 using (var answer = Answer.Read(Request(url + "/localize-rig", made.Bytes())))
                 {
                     var pose = made.CameraInWorld(Axes.OpenGl);

@@ -42,15 +42,38 @@ static void expect(int is_true, const char *what) {
   }
 }
 
+static VeilocSealer *sealer_of(const VeilocProfile *profile, const VeilocOptions *options) {
+  VeilocSealer *sealer = NULL;
+  expect(veiloc_sealer_new(profile, options, &sealer) == VEILOC_STATUS_OK, "a sealer");
+  return sealer;
+}
+
+/* Extracts and seals a frame, as an app does. */
+static VeilocStatus seal(const VeilocSealer *sealer, VeilocSession *session, const VeilocFrame *frame, const VeilocCamera *camera,
+                         uint32_t axes, const VeilocPose *pose, const VeilocCancellation *cancellation, VeilocQuery **query) {
+  VeilocExtracted *extracted = NULL;
+  VeilocStatus status = veiloc_sealer_extract(sealer, frame, camera, axes, pose, cancellation, &extracted);
+  if (status == VEILOC_STATUS_OK) {
+    VeilocQuery *again = NULL;
+    status = veiloc_sealer_seal(sealer, session, extracted, query);
+    expect(veiloc_sealer_seal(sealer, session, extracted, &again) == VEILOC_STATUS_ARGUMENT && !again, "a frame is sealed once");
+  }
+  veiloc_extracted_free(extracted);
+  return status;
+}
+
 /* The query of a frame, compared with the reference. */
-static void compare(const VeilocProfile *profile, const VeilocFrame *frame, const VeilocCamera *camera, int number,
+static void compare(const VeilocSealer *sealer, const VeilocFrame *frame, const VeilocCamera *camera, int number,
                     const uint8_t *expected, size_t expected_length) {
   uint8_t seed[32];
+  VeilocExtracted *extracted = NULL;
   VeilocQuery *query = NULL;
   VeilocQueryInfo info;
   VeilocBytes bytes;
   memset(seed, number & 255, sizeof seed);
-  expect(veiloc_seal_seeded(profile, NULL, frame, camera, NULL, 0, NULL, seed, &query) == VEILOC_STATUS_OK, "seals");
+  expect(veiloc_sealer_extract(sealer, frame, camera, 0, NULL, NULL, &extracted) == VEILOC_STATUS_OK, "extracts");
+  expect(veiloc_sealer_seal_seeded(sealer, NULL, extracted, seed, &query) == VEILOC_STATUS_OK, "seals");
+  veiloc_extracted_free(extracted);
   info = veiloc_query_info(query);
   expect(info.rows >= 256 && info.step_count >= 1 && info.steps[info.step_count - 1] == info.rows, "has steps");
   expect(veiloc_query_bytes(query, 0, &bytes) == VEILOC_STATUS_OK, "gives bytes");
@@ -63,10 +86,12 @@ static void compare(const VeilocProfile *profile, const VeilocFrame *frame, cons
   veiloc_query_free(query);
 }
 
-static void errors(const VeilocProfile *profile, const VeilocFrame *frame, const VeilocCamera *camera) {
+static void errors(const VeilocProfile *profile, const VeilocSealer *sealer, const VeilocFrame *frame, const VeilocCamera *camera) {
   VeilocFrame other = *frame;
   VeilocCamera wrong = *camera;
   VeilocProfile *no_profile = NULL;
+  VeilocSealer *no_sealer = NULL;
+  VeilocOptions options = {0};
   VeilocSession *no_session = NULL;
   VeilocAnswer *no_answer = NULL;
   VeilocQuery *query = NULL;
@@ -78,32 +103,38 @@ static void errors(const VeilocProfile *profile, const VeilocFrame *frame, const
   expect(veiloc_answer_new(NULL, 0, &no_answer) == VEILOC_STATUS_ANSWER, "an empty answer");
   expect(veiloc_session_from_bytes((const uint8_t *)"x", 1, &no_session) == VEILOC_STATUS_SESSION, "a session");
   expect(veiloc_session_new("nowhere", &no_session) == VEILOC_STATUS_ARGUMENT, "anchors");
-  expect(veiloc_seal(NULL, NULL, frame, camera, NULL, 0, NULL, &query) == VEILOC_STATUS_ARGUMENT, "no profile");
-  expect(veiloc_seal(profile, NULL, frame, camera, NULL, 9, &pose, &query) == VEILOC_STATUS_ARGUMENT, "axes");
-  expect(veiloc_seal(profile, NULL, frame, camera, NULL, 0, &pose, &query) == VEILOC_STATUS_ARGUMENT, "no rotation");
+  expect(veiloc_sealer_new(NULL, NULL, &no_sealer) == VEILOC_STATUS_ARGUMENT && !no_sealer, "no profile");
+  options.scheme = "points";
+  expect(veiloc_sealer_new(profile, &options, &no_sealer) == VEILOC_STATUS_SEAL && !no_sealer, "points");
+  expect(seal(NULL, NULL, frame, camera, 0, NULL, NULL, &query) == VEILOC_STATUS_ARGUMENT, "no sealer");
+  expect(veiloc_sealer_seal(sealer, NULL, NULL, &query) == VEILOC_STATUS_ARGUMENT, "no features");
+  expect(seal(sealer, NULL, frame, camera, 9, &pose, NULL, &query) == VEILOC_STATUS_ARGUMENT, "axes");
+  expect(seal(sealer, NULL, frame, camera, 0, &pose, NULL, &query) == VEILOC_STATUS_ARGUMENT, "no rotation");
   other.length--;
-  expect(veiloc_seal(profile, NULL, &other, camera, NULL, 0, NULL, &query) == VEILOC_STATUS_IMAGE, "a short frame");
+  expect(seal(sealer, NULL, &other, camera, 0, NULL, NULL, &query) == VEILOC_STATUS_IMAGE, "a short frame");
   other = *frame;
   other.turn_degrees = 45;
-  expect(veiloc_seal(profile, NULL, &other, camera, NULL, 0, NULL, &query) == VEILOC_STATUS_ARGUMENT, "a turn of 45");
+  expect(seal(sealer, NULL, &other, camera, 0, NULL, NULL, &query) == VEILOC_STATUS_ARGUMENT, "a turn of 45");
   other = *frame;
   other.format = 7;
-  expect(veiloc_seal(profile, NULL, &other, camera, NULL, 0, NULL, &query) == VEILOC_STATUS_ARGUMENT, "a format");
+  expect(seal(sealer, NULL, &other, camera, 0, NULL, NULL, &query) == VEILOC_STATUS_ARGUMENT, "a format");
   wrong.width++;
-  expect(veiloc_seal(profile, NULL, frame, &wrong, NULL, 0, NULL, &query) == VEILOC_STATUS_IMAGE, "another size");
+  expect(seal(sealer, NULL, frame, &wrong, 0, NULL, NULL, &query) == VEILOC_STATUS_IMAGE, "another size");
   wrong = *camera;
   wrong.param_count = 99;
-  expect(veiloc_seal(profile, NULL, frame, &wrong, NULL, 0, NULL, &query) == VEILOC_STATUS_ARGUMENT, "99 parameters");
+  expect(seal(sealer, NULL, frame, &wrong, 0, NULL, NULL, &query) == VEILOC_STATUS_ARGUMENT, "99 parameters");
   other = *frame;
   other.bytes = flat;
   other.length = (size_t)frame->width * frame->height;
   other.format = VEILOC_PIXEL_FORMAT_GRAY;
-  expect(veiloc_seal(profile, NULL, &other, camera, NULL, 0, NULL, &query) == VEILOC_STATUS_TEXTURE, "a black frame");
-  expect(veiloc_seal(profile, NULL, frame, camera, NULL, 0, NULL, NULL) == VEILOC_STATUS_ARGUMENT, "no out");
+  expect(seal(sealer, NULL, &other, camera, 0, NULL, NULL, &query) == VEILOC_STATUS_TEXTURE, "a black frame");
+  expect(veiloc_sealer_extract(sealer, frame, camera, 0, NULL, NULL, NULL) == VEILOC_STATUS_ARGUMENT, "no out");
   expect(query == NULL, "no query was made");
   expect(veiloc_advice(NULL, NULL, 0, 0) == VEILOC_ADVICE_SHOW_MORE_DETAIL, "an advice");
   expect(veiloc_advice_text(99) == NULL && strlen(veiloc_advice_text(VEILOC_ADVICE_READY)) > 5, "texts");
   veiloc_profile_free(NULL);
+  veiloc_sealer_free(NULL);
+  veiloc_extracted_free(NULL);
   veiloc_session_free(NULL);
   veiloc_query_free(NULL);
   veiloc_answer_free(NULL);
@@ -117,26 +148,24 @@ static void *cancel(void *cancellation) {
   return NULL;
 }
 
-static void cancelled(const VeilocProfile *profile, const VeilocFrame *frame, const VeilocCamera *camera) {
-  VeilocOptions options = {0};
+static void cancelled(const VeilocSealer *sealer, const VeilocFrame *frame, const VeilocCamera *camera) {
   VeilocCancellation *cancellation = NULL;
   VeilocSession *session = NULL;
   VeilocQuery *query = NULL;
   VeilocStatus status;
   pthread_t thread;
   expect(veiloc_cancellation_new(&cancellation) == VEILOC_STATUS_OK && veiloc_session_new(NULL, &session) == VEILOC_STATUS_OK, "a request");
-  options.cancellation = cancellation;
-  expect(veiloc_seal(profile, session, frame, camera, &options, 0, NULL, &query) == VEILOC_STATUS_OK, "seals until it is made");
+  expect(seal(sealer, session, frame, camera, 0, NULL, cancellation, &query) == VEILOC_STATUS_OK, "seals until it is made");
   veiloc_query_free(query);
   expect(pthread_create(&thread, NULL, cancel, cancellation) == 0, "a thread");
   do {
     query = NULL;
-    status = veiloc_seal(profile, NULL, frame, camera, &options, 0, NULL, &query);
+    status = seal(sealer, NULL, frame, camera, 0, NULL, cancellation, &query);
     veiloc_query_free(query);
   } while (status == VEILOC_STATUS_OK);
   expect(status == VEILOC_STATUS_CANCELLED && query == NULL, "is cancelled");
   pthread_join(thread, NULL);
-  expect(veiloc_seal(profile, session, frame, camera, &options, 0, NULL, &query) == VEILOC_STATUS_CANCELLED, "stays so");
+  expect(seal(sealer, session, frame, camera, 0, NULL, cancellation, &query) == VEILOC_STATUS_CANCELLED, "stays so");
   expect(veiloc_session_info(session).frames == 1, "the session has not changed");
   veiloc_cancel(NULL);
   veiloc_cancellation_free(cancellation);
@@ -144,20 +173,20 @@ static void cancelled(const VeilocProfile *profile, const VeilocFrame *frame, co
 }
 
 /* A session with the pose of the camera goes through bytes, and seals on. */
-static void sessions(const VeilocProfile *profile, const VeilocFrame *frame, const VeilocCamera *camera) {
+static void sessions(const VeilocSealer *sealer, const VeilocFrame *frame, const VeilocCamera *camera) {
   VeilocSession *session = NULL, *restored = NULL;
   VeilocQuery *query = NULL;
   VeilocBytes bytes;
   VeilocPose pose = {{1, 2, 3}, {0, 0, 0, 1}};
   expect(veiloc_session_new("gravity", &session) == VEILOC_STATUS_OK, "begins");
-  expect(veiloc_seal(profile, session, frame, camera, NULL, VEILOC_AXES_UNITY, &pose, &query) == VEILOC_STATUS_OK, "seals in it");
+  expect(seal(sealer, session, frame, camera, VEILOC_AXES_UNITY, &pose, NULL, &query) == VEILOC_STATUS_OK, "seals in it");
   veiloc_query_free(query);
   query = NULL;
   expect(veiloc_session_info(session).frames == 1 && veiloc_session_info(session).starts == 1, "counts");
   expect(veiloc_session_to_bytes(session, &bytes) == VEILOC_STATUS_OK, "to bytes");
   expect(veiloc_session_from_bytes(bytes.data, bytes.length, &restored) == VEILOC_STATUS_OK, "from bytes");
   veiloc_bytes_free(bytes);
-  expect(veiloc_seal(profile, restored, frame, camera, NULL, VEILOC_AXES_UNITY, &pose, &query) == VEILOC_STATUS_OK, "seals on");
+  expect(seal(sealer, restored, frame, camera, VEILOC_AXES_UNITY, &pose, NULL, &query) == VEILOC_STATUS_OK, "seals on");
   expect(veiloc_session_info(restored).frames == 2 && veiloc_session_info(session).frames == 1, "counts on");
   {
     const VeilocQuery *queries[2];
@@ -176,6 +205,7 @@ static void sessions(const VeilocProfile *profile, const VeilocFrame *frame, con
 static void bursts(const VeilocProfile *profile, const VeilocFrame *frame, const VeilocCamera *camera) {
   VeilocBurst *burst = NULL;
   VeilocSealedBurst *sealed = NULL;
+  VeilocSealer *sealer;
   VeilocSession *session = NULL;
   VeilocBurstOptions wrong = {0}, metric = {0};
   VeilocOptions options = {0};
@@ -188,23 +218,24 @@ static void bursts(const VeilocProfile *profile, const VeilocFrame *frame, const
   black.length = (size_t)frame->width * frame->height;
   black.format = VEILOC_PIXEL_FORMAT_GRAY;
   wrong.frames = 6;
+  options.without_gravity = true;
+  sealer = sealer_of(profile, &options);
   expect(veiloc_burst_new(&wrong, &burst) == VEILOC_STATUS_ARGUMENT && !burst, "six frames");
   metric.metres_per_unit = 1;
   expect(veiloc_burst_new(&metric, &burst) == VEILOC_STATUS_OK && veiloc_session_new(NULL, &session) == VEILOC_STATUS_OK, "begins");
-  expect(veiloc_burst_seal(burst, profile, session, NULL, &sealed) == VEILOC_STATUS_ARGUMENT, "no frame");
+  expect(veiloc_burst_seal(burst, sealer, session, NULL, &sealed) == VEILOC_STATUS_ARGUMENT, "no frame");
   expect(veiloc_burst_offer(burst, frame, camera, VEILOC_AXES_UNITY, &pose, 0.0 / 0.0) == VEILOC_STATUS_ARGUMENT, "no time");
   expect(veiloc_burst_offer(burst, frame, camera, VEILOC_AXES_UNITY, NULL, 1.0) == VEILOC_STATUS_ARGUMENT, "no pose");
   expect(veiloc_burst_offer(burst, &black, camera, VEILOC_AXES_UNITY, &pose, 1.0) == VEILOC_STATUS_OK, "takes a frame");
   expect(veiloc_burst_frames(burst) == 1 && veiloc_burst_frames(NULL) == 0, "keeps it");
-  expect(veiloc_burst_seal(burst, profile, session, NULL, &sealed) == VEILOC_STATUS_TEXTURE && !sealed, "a black burst");
+  expect(veiloc_burst_seal(burst, sealer, session, NULL, &sealed) == VEILOC_STATUS_TEXTURE && !sealed, "a black burst");
   expect(veiloc_session_info(session).frames == 0 && veiloc_burst_frames(burst) == 0, "leaves the session");
   for (int i = 0; i < 3; i++) {
     pose.position[0] = 1 + 0.01 * i;
     expect(veiloc_burst_offer(burst, i == 1 ? &black : frame, camera, VEILOC_AXES_UNITY, &pose, 2 + 0.4 * i) == VEILOC_STATUS_OK, "three frames");
   }
   expect(veiloc_burst_frames(burst) == 3, "keeps three");
-  options.without_gravity = true;
-  expect(veiloc_burst_seal(burst, profile, session, &options, &sealed) == VEILOC_STATUS_OK, "seals a burst");
+  expect(veiloc_burst_seal(burst, sealer, session, NULL, &sealed) == VEILOC_STATUS_OK, "seals a burst");
   info = veiloc_sealed_burst_info(sealed);
   expect(info.frames == 2 && info.left_out == 1 && info.newest.keypoints > 0 && info.newest.rows >= 256, "counts frames");
   expect(veiloc_advice(&info.newest, NULL, 0, 0) == VEILOC_ADVICE_TURN_TO_MAPPED_PLACE, "an advice for a burst");
@@ -225,7 +256,7 @@ static void bursts(const VeilocProfile *profile, const VeilocFrame *frame, const
     expect(veiloc_burst_offer(burst, frame, camera, VEILOC_AXES_UNITY, &pose, 4 + 0.8 * i) == VEILOC_STATUS_OK, "two frames");
   }
   expect(veiloc_burst_learn_unit(burst, NULL) == VEILOC_STATUS_ARGUMENT, "no answer");
-  expect(veiloc_burst_seal(burst, profile, session, &options, &sealed) == VEILOC_STATUS_OK, "seals one frame");
+  expect(veiloc_burst_seal(burst, sealer, session, NULL, &sealed) == VEILOC_STATUS_OK, "seals one frame");
   info = veiloc_sealed_burst_info(sealed);
   expect(info.frames == 1 && info.left_out == 0, "one frame");
   veiloc_burst_clear(burst);
@@ -234,6 +265,7 @@ static void bursts(const VeilocProfile *profile, const VeilocFrame *frame, const
   veiloc_burst_free(NULL);
   veiloc_sealed_burst_free(sealed);
   veiloc_sealed_burst_free(NULL);
+  veiloc_sealer_free(sealer);
   veiloc_session_free(session);
   free(flat);
 }
@@ -245,9 +277,11 @@ static void bursts(const VeilocProfile *profile, const VeilocFrame *frame, const
 static void repeatedly(const VeilocProfile *profile, const VeilocFrame *frame, const VeilocCamera *camera, int repeat) {
   VeilocSession *session = NULL;
   VeilocOptions options = {0};
+  VeilocSealer *sealer;
   size_t settled = 0;
   options.max_image_side = 192;
   options.max_keypoints = 256;
+  sealer = sealer_of(profile, &options);
   for (int i = 0; i < repeat; i++) {
     VeilocPose pose = {{0.01 * (i % 7), 0, 0}, {0, 0, 0, 1}};
     VeilocQuery *query = NULL;
@@ -260,7 +294,7 @@ static void repeatedly(const VeilocProfile *profile, const VeilocFrame *frame, c
       session = NULL;
       expect(veiloc_session_new("gravity", &session) == VEILOC_STATUS_OK, "begins");
     }
-    status = veiloc_seal(profile, i % 2 ? session : NULL, frame, camera, &options, VEILOC_AXES_OPEN_GL, &pose, &query);
+    status = seal(sealer, i % 2 ? session : NULL, frame, camera, VEILOC_AXES_OPEN_GL, &pose, NULL, &query);
     /* A repeated frame may have too few new rows for a pose. */
     expect(status == VEILOC_STATUS_OK || (i % 2 && status == VEILOC_STATUS_UNBALANCED), "seals a small frame");
     if (status == VEILOC_STATUS_OK) {
@@ -276,6 +310,7 @@ static void repeatedly(const VeilocProfile *profile, const VeilocFrame *frame, c
     if (i == repeat / 10) settled = mallinfo2().uordblks;
   }
   veiloc_session_free(session);
+  veiloc_sealer_free(sealer);
   if (repeat >= 100) {
     size_t end = mallinfo2().uordblks;
     fprintf(stderr, "heap in use after %d seals: %zu bytes, after %d: %zu bytes\n", repeat / 10, settled, repeat, end);
@@ -306,12 +341,14 @@ int main(int argc, char **argv) {
   size_t length;
   uint8_t *bytes, *list;
   VeilocProfile *profile = NULL;
+  VeilocSealer *sealer;
   int count = 0, repeat;
   if (argc != 4) return 2;
   repeat = atoi(argv[3]);
   bytes = read_file("", argv[1], &length);
   expect(veiloc_profile_new(bytes, length, &profile) == VEILOC_STATUS_OK, "a profile");
   expect(strlen(veiloc_profile_id(profile)) == 32, "an id");
+  sealer = sealer_of(profile, NULL);
   free(bytes);
   same_document(argv[2]);
   list = read_file(argv[2], "frames.txt", &length);
@@ -337,12 +374,12 @@ int main(int argc, char **argv) {
     frame.format = VEILOC_PIXEL_FORMAT_RGBA;
     frame.width = camera.width;
     frame.height = camera.height;
-    compare(profile, &frame, &camera, number, expected, expected_length);
+    compare(sealer, &frame, &camera, number, expected, expected_length);
     if (count == 0) {
-      errors(profile, &frame, &camera);
-      sessions(profile, &frame, &camera);
+      errors(profile, sealer, &frame, &camera);
+      sessions(sealer, &frame, &camera);
       bursts(profile, &frame, &camera);
-      cancelled(profile, &frame, &camera);
+      cancelled(sealer, &frame, &camera);
       repeatedly(profile, &frame, &camera, repeat);
     }
     count++;
@@ -350,6 +387,7 @@ int main(int argc, char **argv) {
     free(expected);
   }
   free(list);
+  veiloc_sealer_free(sealer);
   veiloc_profile_free(profile);
   printf("%d queries equal, %d repeated\n", count, repeat);
   return count > 0 ? 0 : 1;

@@ -22,6 +22,7 @@ static int run(const std::string &profile_path, const std::string &folder, int r
   const auto known = read(folder + "/answer");
   if (veiloc::json(veiloc::answer(known.data(), known.size())) != read(folder + "/answer.json"))
     throw std::runtime_error("the document of an answer differs");
+  const auto sealer = veiloc::sealer(profile);
   std::ifstream list(folder + "/frames.txt");
   int count = 0;
   for (std::string line; std::getline(list, line); count++) {
@@ -41,9 +42,9 @@ static int run(const std::string &profile_path, const std::string &folder, int r
     uint8_t seed[32];
     std::fill(std::begin(seed), std::end(seed), uint8_t(std::stoi(number)));
     for (int i = 0; i < (count == 0 ? repeat + 1 : 1); i++) {
+      const auto extracted = veiloc::extract(sealer, frame, &camera);
       VeilocQuery *handle = nullptr;
-      veiloc::check(
-          veiloc_seal_seeded(profile.get(), nullptr, &frame, &camera, nullptr, VEILOC_AXES_OPEN_GL, nullptr, seed, &handle));
+      veiloc::check(veiloc_sealer_seal_seeded(sealer.get(), nullptr, extracted.get(), seed, &handle));
       const veiloc::Query query(handle);
       if (veiloc::bytes(query) != expected) throw std::runtime_error("frame " + number + " differs");
     }

@@ -18,6 +18,7 @@ import org.veiloc.FrameLayout
 import org.veiloc.Pose
 import org.veiloc.Profile
 import org.veiloc.SealOptions
+import org.veiloc.Sealer
 import org.veiloc.Session
 import org.veiloc.VeilocException
 import org.veiloc.advice
@@ -26,8 +27,6 @@ import org.veiloc.example.Localizer
 import org.veiloc.pinholeCamera
 import org.veiloc.poseFromMatrix
 import org.veiloc.rigBytes
-import org.veiloc.seal
-import org.veiloc.sealSeeded
 
 fun direct(bytes: ByteArray): ByteBuffer = ByteBuffer.allocateDirect(bytes.size).put(bytes).flip() as ByteBuffer
 
@@ -44,6 +43,7 @@ inline fun <reified E : VeilocException> expect(what: String, body: () -> Unit) 
 fun seals(arguments: List<String>) {
     val profile = Profile(File(arguments[0]).readBytes())
     check(profile.id().length == 32)
+    val sealer = Sealer(profile)
     val folder = File(arguments[1])
     Answer(folder.resolve("answer").readBytes()).use { answer ->
         check(answer.toJson() == folder.resolve("answer.json").readText()) { "the document of an answer" }
@@ -60,7 +60,7 @@ fun seals(arguments: List<String>) {
         val expected = folder.resolve("$number.query").readBytes()
         val seed = ByteArray(32) { number.toByte() }
         repeat(if (count == 0) repeat + 1 else 1) {
-            sealSeeded(profile, pixels, layout, camera, seed).use { query ->
+            sealer.sealSeeded(sealer.extract(pixels, layout, camera), seed).use { query ->
                 check(query.bytes().contentEquals(expected)) { "frame $number differs" }
                 check(query.steps().last() == query.rows() && query.bytes(query.steps().first()).size <= expected.size)
             }
@@ -73,34 +73,39 @@ fun seals(arguments: List<String>) {
 
 /** Errors, sessions and poses. */
 fun border(profile: Profile, pixels: ByteBuffer, layout: FrameLayout, camera: Camera) {
+    val sealer = Sealer(profile)
     expect<VeilocException.Profile>("a profile") { Profile(ByteArray(10)) }
     expect<VeilocException.Answer>("an answer") { Answer(ByteArray(0)) }
     expect<VeilocException.SessionBytes>("a session") { Session.fromBytes(ByteArray(3)) }
     expect<VeilocException.Argument>("anchors") { Session("nowhere") }
-    expect<VeilocException.Argument>("a turn") { seal(profile, pixels, layout.copy(turnDegrees = 45), camera) }
-    expect<VeilocException.Image>("a stride") { seal(profile, pixels, layout.copy(rowStride = 5u), camera) }
-    expect<VeilocException.Image>("a size") { seal(profile, pixels, layout, camera.copy(width = 1u)) }
-    expect<VeilocException.Seal>("points") { seal(profile, pixels, layout, camera, options = SealOptions("points")) }
+    expect<VeilocException.Argument>("a turn") { sealer.extract(pixels, layout.copy(turnDegrees = 45), camera) }
+    expect<VeilocException.Image>("a stride") { sealer.extract(pixels, layout.copy(rowStride = 5u), camera) }
+    expect<VeilocException.Image>("a size") { sealer.extract(pixels, layout, camera.copy(width = 1u)) }
+    expect<VeilocException.Seal>("points") { Sealer(profile, SealOptions("points")) }
     val dark = direct(ByteArray((layout.width * layout.height).toInt()))
-    expect<VeilocException.Texture>("a black frame") { seal(profile, dark, layout.copy(format = FrameFormat.GRAY), camera) }
+    expect<VeilocException.Texture>("a black frame") {
+        sealer.seal(sealer.extract(dark, layout.copy(format = FrameFormat.GRAY), camera))
+    }
     expect<VeilocException.Argument>("a unit") { Alignment(0.0) }
     // Cancelled before it begins, and by another thread while it runs or before the next one.
     val cancellation = Cancellation()
     val untouched = Session()
-    seal(profile, pixels, layout, camera, untouched, cancellation = cancellation).close()
+    val own = sealer.extract(pixels, layout, camera, cancellation = cancellation)
+    sealer.inSession(untouched).seal(own).close()
+    expect<VeilocException.Argument>("an image is sealed once") { sealer.seal(own) }
     Thread { cancellation.cancel() }.start()
     expect<VeilocException.Cancelled>("a cancelled call") {
-        while (true) seal(profile, pixels, layout, camera, cancellation = cancellation).close()
+        while (true) sealer.extract(pixels, layout, camera, cancellation = cancellation).close()
     }
     expect<VeilocException.Cancelled>("a call after it") {
-        seal(profile, pixels, layout, camera, untouched, cancellation = cancellation)
+        sealer.extract(pixels, layout, camera, cancellation = cancellation)
     }
     check(cancellation.isCancelled() && untouched.frames() == 1u)
     val upright = CameraPose(Axes.OPEN_GL, Pose(1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0))
     val session = Session("gravity")
-    val first = seal(profile, pixels, layout, camera, session, SealOptions(sendGravity = false), upright)
+    val first = Sealer(profile, SealOptions(sendGravity = false)).inSession(session).seal(sealer.extract(pixels, layout, camera, upright))
     val restored = Session.fromBytes(session.toBytes())
-    val second = seal(profile, pixels, layout, camera, restored, cameraInWorld = upright)
+    val second = sealer.inSession(restored).seal(sealer.extract(pixels, layout, camera, upright))
     check(restored.frames() == 2u && session.frames() == 1u && restored.starts() == 1u)
     val rig = rigBytes(listOf(first, second), listOf(upright, upright), 1.0, 0.5, 0.01)
     check(String(rig, 0, 6) == "vqrig1" && rig[7].toInt() == 2)
@@ -115,30 +120,30 @@ fun border(profile: Profile, pixels: ByteBuffer, layout: FrameLayout, camera: Ca
 fun bursts(profile: Profile, pixels: ByteBuffer, layout: FrameLayout, camera: Camera, upright: CameraPose) {
     expect<VeilocException.Argument>("six frames") { Burst(BurstOptions(frames = 6u)) }
     val burst = Burst(BurstOptions(metresPerUnit = 1.0))
-    val session = Session()
+    val (session, sealer) = Pair(Session(), Sealer(profile, SealOptions(maxKeypoints = 512u)))
     val dark = direct(ByteArray((layout.width * layout.height).toInt()))
     val gray = layout.copy(format = FrameFormat.GRAY)
     expect<VeilocException.Argument>("a time") { burst.offer(pixels, layout, camera, upright, Double.NaN) }
-    expect<VeilocException.Argument>("no frame") { burst.seal(profile, session) }
+    expect<VeilocException.Argument>("no frame") { burst.seal(sealer, session) }
     check(burst.offer(dark, gray, camera, upright, 1.0) && !burst.offer(dark, gray, camera, upright, 1.0))
-    expect<VeilocException.Texture>("a black burst") { burst.seal(profile, session) }
+    expect<VeilocException.Texture>("a black burst") { burst.seal(sealer, session) }
     check(burst.frames() == 0u && session.frames() == 0u)
     val moved = CameraPose(upright.axes, upright.pose.copy(x = 1.02))
     burst.offer(pixels, layout, camera, upright, 2.0)
     burst.offer(dark, gray, camera, upright, 2.4)
     burst.offer(pixels, layout, camera, moved, 2.8)
     check(burst.frames() == 3u)
-    burst.seal(profile, session, SealOptions(maxKeypoints = 512u)).use { sealed ->
+    burst.seal(sealer, session).use { sealed ->
         check(sealed.frames() == 2u && sealed.leftOut() == 1u && session.frames() == 2u)
         check(Math.abs(sealed.cameraInWorld(Axes.OPEN_GL).pose.x - 1.02) < 1e-9)
         check(String(sealed.bytes(), 0, 6) == "vqrig1" && sealed.bytes()[7].toInt() == 2)
+        check(adviceText(advice(sealed.newest(), null)).length > 5)
     }
     // In an unknown unit the distance between frames has no meaning.
     Burst().use { unknown ->
         unknown.offer(pixels, layout, camera, upright, 2.0)
         unknown.offer(pixels, layout, camera, moved, 2.8)
-        unknown.seal(profile, session, SealOptions(maxKeypoints = 512u)).use { check(it.frames() == 1u && it.leftOut() == 0u) }
-        check(adviceText(advice(sealed.newest(), null)).length > 5)
+        unknown.seal(sealer, session).use { check(it.frames() == 1u && it.leftOut() == 0u) }
     }
     burst.offer(pixels, layout, camera, moved, 3.2)
     burst.clear()

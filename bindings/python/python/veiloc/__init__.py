@@ -2,7 +2,7 @@
 
 - Poses from correspondences, with PoseLib's calling convention: `estimate_absolute_pose`, `estimate_absolute_pose_lines`,
   `estimate_absolute_pose_anchored`, and the minimal solvers `p3p`, `p6lp`, `p5lp_radial`, `p6lp_dual_radial`, `up2p`, `u4lp`.
-- The device: `extract`, `obfuscate`, `seal`, `Session`, `Profile`, and `Client` for a service.
+- The device: `Sealer`, `Session`, `Profile`, and `Client` for a service; `extract` and `obfuscate` for experiments.
 - The server: `Map`; `read_posed` for poses of other programs; `prepare` and `veiloc.ray` to build a map on several machines.
 - Privacy attacks: `attack`, `audit`.
 - `render_room`: a synthetic scene for experiments.
@@ -17,9 +17,12 @@ from veiloc._native import (
     CameraPose,
     Client,
     ColmapModel,
+    Extracted,
     Map,
     Profile,
+    Sealer,
     Session,
+    SessionSealer,
     anchored_lines,
     attack,
     attack_names,
@@ -38,7 +41,6 @@ from veiloc._native import (
     prepare,
     read_posed,
     render_room,
-    seal,
     u4lp,
     undistort,
     up2p,
@@ -64,6 +66,7 @@ __all__ = [
     "Client",
     "ColmapModel",
     "Error",
+    "Extracted",
     "ImageError",
     "InputError",
     "Map",
@@ -73,8 +76,10 @@ __all__ = [
     "ProgressBar",
     "QueryError",
     "RefusedError",
+    "Sealer",
     "ServiceError",
     "Session",
+    "SessionSealer",
     "WrongProfileError",
     "__version__",
     "anchored_lines",
@@ -95,7 +100,6 @@ __all__ = [
     "prepare",
     "read_posed",
     "render_room",
-    "seal",
     "u4lp",
     "undistort",
     "up2p",

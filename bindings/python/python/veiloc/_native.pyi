@@ -238,8 +238,100 @@ class Profile:
     def __eq__(self, other: object) -> bool: ...
     def __hash__(self) -> int: ...
 
+class Extracted:
+    """The features of an image with their camera, until they are sealed. `len(extracted)` is the number of keypoints."""
+
+    def __len__(self) -> int: ...
+
+class Sealer:
+    """Seals images for one map: `extract`, then `seal`. Only the bytes of sealed queries leave the device.
+
+    The device decides all options; a profile cannot change them.
+
+    Args:
+        profile: profile of the map.
+        scheme: `"dcl"` and its layouts, `"random-lines"`, `"coordinate-permutation"`, or `"points"`, which hides
+            nothing.
+        max_keypoints: most rows to send. Default: the number that the profile requests, at most 2048.
+        max_image_side: longest side to which images are scaled down, pixels, whatever the profile requests; default
+            2048. The next smaller size of the device's list is used.
+        angle_bits: bits of each quantized angle.
+        send_gravity: False sends no gravity direction.
+
+    Raises:
+        QueryError: the profile requests more than this device sends, or the scheme is unknown.
+    """
+
+    def __init__(
+        self,
+        profile: Profile,
+        *,
+        scheme: Scheme = "dcl",
+        max_keypoints: int | None = None,
+        max_image_side: int | None = None,
+        angle_bits: int = 12,
+        send_gravity: bool = True,
+    ) -> None: ...
+    def extract(
+        self,
+        image: Image,
+        camera: Camera | None,
+        *,
+        mask: Mask | None = None,
+        focal: Focal | None = None,
+        gravity: npt.ArrayLike | None = None,
+        orientation: npt.ArrayLike | None = None,
+        down: npt.ArrayLike | None = None,
+    ) -> Extracted:
+        """Extracts the features of an image, as the profile requests them.
+
+        Args:
+            image: a path, or an array as for `veiloc.extract`.
+            camera: a dictionary or text as for `estimate_absolute_pose`; None reads the focal length from the file's EXIF,
+                `"unknown"` sends a guess, which localization corrects.
+            mask: a path (black hides) or an array `[H, W]` of bool (True hides); hidden pixels are not used.
+            focal: `"calibrated"`, `"exif"` or `"unknown"`. Default: follows from `camera`.
+            gravity: `[x, y, z]` or `[x, y, z, degrees]`: measured down direction in the camera frame, and its standard
+                deviation (2). It is sent with the query.
+            orientation: quaternion `[w, x, y, z]`, rotation from a fixed world frame to the camera (gyroscope,
+                odometry), for a session.
+            down: `[x, y, z]`, measured down direction in the camera frame, for the session's anchors. It is sent, rounded,
+                with a standard deviation of 0.5 degrees, unless `gravity` is given.
+
+        Raises:
+            ImageError: the image or the mask cannot be used.
+            InputError: another argument is invalid.
+        """
+    def seal(self, extracted: Extracted) -> bytes:
+        """Seals the features of an image on its own, once. For several images of the same scene use `in_session`.
+
+        Randomness comes from the operating system. When the network fails, send the same bytes again.
+
+        Returns:
+            The bytes of the sealed query.
+
+        Raises:
+            Error: the image shows too little texture.
+            InputError: the features were sealed already.
+        """
+    def in_session(self, session: Session) -> SessionSealer:
+        """For the next images of a session, which share their anchors."""
+
+class SessionSealer:
+    """A `Sealer` for the images of one session."""
+
+    def seal(self, extracted: Extracted) -> bytes:
+        """Seals the features of the next image, as `Sealer.seal`. When this fails, the session does not change.
+
+        Returns:
+            The bytes of the sealed query.
+
+        Raises:
+            Error, InputError: as for `Sealer.seal`; the session cannot go on with this image.
+        """
+
 class Session:
-    """Seals a sequence of images of one scene.
+    """A sequence of images of one scene, sealed by `Sealer.in_session`.
 
     The images share their anchors, and no keypoint is sent under two anchors.
 
@@ -266,39 +358,6 @@ class Session:
 
         Raises:
             Error: the file cannot be read, or is not a session.
-        """
-    def seal(
-        self,
-        image: Image,
-        camera: Camera | None,
-        profile: Profile,
-        *,
-        orientation: npt.ArrayLike | None = None,
-        down: npt.ArrayLike | None = None,
-        send_gravity: bool = True,
-        scheme: Scheme = "dcl",
-        max_keypoints: int | None = None,
-        max_image_side: int | None = None,
-        angle_bits: int = 12,
-        gravity: npt.ArrayLike | None = None,
-        focal: Focal | None = None,
-        mask: Mask | None = None,
-    ) -> bytes:
-        """Seals the next image. When this fails, the session does not change.
-
-        Args:
-            orientation: quaternion `[w, x, y, z]`, rotation from a fixed world frame to the camera (gyroscope,
-                odometry).
-            down: `[x, y, z]`, measured down direction in the camera frame, for the session's anchors. It is sent, rounded,
-                with a standard deviation of 0.5 degrees, unless `gravity` is given.
-            send_gravity: False does not send it.
-            image, camera, profile, scheme, max_keypoints, max_image_side, angle_bits, gravity, focal, mask: as for `veiloc.seal`.
-
-        Returns:
-            The bytes of the sealed query.
-
-        Raises:
-            ImageError, QueryError, InputError: as for `veiloc.seal`.
         """
     @property
     def frames(self) -> int:
@@ -678,7 +737,7 @@ class Client:
         profile_ids: dict[str, str] | None = None,
     ) -> None: ...
     def profile(self, map: str) -> Profile:
-        """Fetches the profile of a map of the service; `seal` needs it.
+        """Fetches the profile of a map of the service; a `Sealer` needs it.
 
         Raises:
             ServiceError: the service refused the request, cannot be reached, or has another profile than `profile_ids`.
@@ -1000,7 +1059,7 @@ def extract(
 def obfuscate(
     points2d: npt.ArrayLike, width: int, height: int, scheme: Scheme = "dcl", *, angle_bits: int = 12, seed: int = 0
 ) -> dict[str, Any]:
-    """Obfuscates keypoints under a scheme, in their order. For experiments only; a device calls `seal`.
+    """Obfuscates keypoints under a scheme, in their order. For experiments only; a device has a `Sealer`.
 
     Args:
         points2d: `[N, 2]` pixels of an image without distortion.
@@ -1017,47 +1076,6 @@ def obfuscate(
 
     Raises:
         QueryError: the scheme is unknown, or a point is not finite.
-    """
-def seal(
-    image: Image,
-    camera: Camera | None,
-    profile: Profile,
-    *,
-    scheme: Scheme = "dcl",
-    max_keypoints: int | None = None,
-    max_image_side: int | None = None,
-    angle_bits: int = 12,
-    gravity: npt.ArrayLike | None = None,
-    focal: Focal | None = None,
-    mask: Mask | None = None,
-) -> bytes:
-    """Seals one image into a query: only these bytes leave the device. Randomness comes from the operating system.
-
-    Seal each image once. For several images of the same scene use one `Session`.
-
-    Args:
-        image: a path, or an array as for `extract`.
-        camera: a dictionary or text as for `estimate_absolute_pose`; None reads the focal length from the file's EXIF,
-            `"unknown"` sends a guess, which localization corrects.
-        profile: profile of the map.
-        scheme: `"dcl"` and its layouts, `"random-lines"`, `"coordinate-permutation"`, or `"points"`, which hides
-            nothing.
-        max_keypoints: most rows to send. Default: the number that the profile requests, at most 2048.
-        max_image_side: longest side to which the image is scaled down, pixels, whatever the profile requests; default
-            2048. The next smaller size of the device's list is used.
-        angle_bits: bits of each quantized angle.
-        gravity: `[x, y, z]` or `[x, y, z, degrees]`: measured down direction in the camera frame, and its standard
-            deviation (2). It is sent with the query.
-        focal: `"calibrated"`, `"exif"` or `"unknown"`. Default: follows from `camera`.
-        mask: a path (black hides) or an array `[H, W]` of bool (True hides).
-
-    Returns:
-        The bytes of the sealed query.
-
-    Raises:
-        ImageError: the image or the mask cannot be used.
-        QueryError: the profile requests more than this device sends, or the scheme is unknown.
-        InputError: another argument is invalid.
     """
 def describe_query(query: bytes) -> dict[str, Any]:
     """Reads the header of a sealed query: scheme, rows, bytes, profile, camera size; no keypoints and no descriptors.

@@ -16,8 +16,9 @@ use std::time::Instant;
 
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng;
-use veiloc_features::{exif_camera, guessed_camera};
-use veiloc_obfuscation::{SealOptions, extract, seal};
+use veiloc_features::{Image, exif_camera, guessed_camera};
+use veiloc_geometry::Intrinsics;
+use veiloc_obfuscation::{SealOptions, Sealer};
 use veiloc_protocol::{Profile, SealedQuery};
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -26,14 +27,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     match arguments[..] {
         ["seal", image, camera, profile, seed, out, rounds] => {
             let profile = Profile::decode(&std::fs::read(profile)?)?;
-            let (camera, seed, options) = (camera.parse()?, bytes(seed)?, SealOptions::default());
+            let (camera, seed): (Intrinsics, _) = (camera.parse()?, bytes(seed)?);
+            let sealer = Sealer::new(&profile, SealOptions::default())?;
             let mut best = f64::INFINITY;
             for _ in 0..rounds.parse::<usize>()?.max(1) {
                 let began = Instant::now();
-                let (features, camera) = extract(Path::new(image), &camera, &profile, &options)?;
-                let mut rng = ChaCha20Rng::from_seed(seed);
-                let query = seal(features, &camera, &profile, &options, &mut rng)?;
-                let encoded = query.encode();
+                let extracted = sealer.extract(Image::open(Path::new(image))?, camera)?;
+                let encoded = sealer.seal(extracted, &mut ChaCha20Rng::from_seed(seed))?.encode();
                 best = best.min(began.elapsed().as_secs_f64() * 1e3);
                 std::fs::write(out, encoded)?;
             }

@@ -28,7 +28,7 @@
 //! let published = Profile::vlad(Vocabulary::new(Descriptors::new(kind, vec![20; 2 * 128])?)?).encode();
 //! let profile = Profile::decode(&published)?;
 //!
-//! // The device assembles rows: `veiloc_obfuscation::seal` makes them from keypoints; these are invented.
+//! // The device assembles rows: `veiloc_obfuscation::Sealer` makes them from keypoints; these are invented.
 //! let bits = AngleBits::default();
 //! let scheme: Scheme = "dcl:paper".parse()?;
 //! let row = |i: u32| AnchoredRow::new(bits, Anchor::BOTH[i as usize % 2], f64::from(i) / 100.0);

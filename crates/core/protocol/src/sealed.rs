@@ -55,7 +55,7 @@ impl SealedQuery {
     /// Assembles a query from obfuscated rows.
     ///
     /// The caller is responsible for the order of the rows and the choice of the codes (rules L2, L3, L9); clients use
-    /// `veiloc_obfuscation::seal`. With a vocabulary, the global descriptor is computed here from the descriptors that
+    /// `veiloc_obfuscation::Sealer`. With a vocabulary, the global descriptor is computed here from the descriptors that
     /// are sent, so that it reveals nothing beyond them.
     ///
     /// # Errors

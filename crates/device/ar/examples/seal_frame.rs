@@ -20,9 +20,10 @@ use std::time::Instant;
 
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng as _;
-use veiloc_ar::{CameraFrame, PixelFormat, seal_frame};
+use veiloc_ar::{CameraFrame, PixelFormat};
+use veiloc_features::Image;
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{DeviceLimits, KnownCamera, SealOptions};
+use veiloc_obfuscation::{DeviceLimits, SealOptions, Sealer};
 use veiloc_protocol::Profile;
 
 /// The allocator of the system, counted.
@@ -87,11 +88,13 @@ fn main() -> Result<(), Box<dyn Error>> {
         f64::from(height) / 2.0
     )
     .parse()?;
-    let (camera, mut options) = (KnownCamera::calibrated(intrinsics), SealOptions::default());
+    let mut options = SealOptions::default();
     if let Some(side) = side.first() {
         options =
             options.with_limits(DeviceLimits { max_image_side: side.parse()?, ..DeviceLimits::default() });
     }
+
+    let sealer = Sealer::new(&profile, options)?;
 
     let before = HEAP.load(Relaxed);
     PEAK.store(before, Relaxed);
@@ -101,11 +104,13 @@ fn main() -> Result<(), Box<dyn Error>> {
         let counted = [ALLOCATIONS.load(Relaxed), ALLOCATED.load(Relaxed)];
         let start = Instant::now();
         let mut rng = ChaCha20Rng::from_seed([time as u8; 32]);
-        let sealed = seal_frame(&frame, &camera, &profile, &options, &mut rng)?;
+        let extracted = sealer.extract(Image::from(&frame), intrinsics)?;
+        let keypoints = extracted.features().keypoints.len();
+        let query = sealer.seal(extracted, &mut rng)?;
         milliseconds.push(start.elapsed().as_secs_f64() * 1e3);
         counts.push([ALLOCATIONS.load(Relaxed) - counted[0], ALLOCATED.load(Relaxed) - counted[1]]);
-        last = (sealed.query.len(), sealed.keypoints);
-        for byte in sealed.query.encode() {
+        last = (query.len(), keypoints);
+        for byte in query.encode() {
             hash = (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
         }
     }

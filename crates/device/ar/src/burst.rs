@@ -34,13 +34,13 @@
 use std::collections::VecDeque;
 
 use rand::CryptoRng;
-use veiloc_features::{CameraFrame, PixelFormat};
-use veiloc_geometry::QuarterTurns;
-use veiloc_obfuscation::{KnownCamera, SealError, SealErrorKind, SealOptions, Session};
-use veiloc_protocol::{Answer, Profile, RigMessage};
+use veiloc_features::{CameraFrame, Image, PixelFormat};
+use veiloc_geometry::{QuarterTurns, Stop};
+use veiloc_obfuscation::{KnownCamera, SealError, SealErrorKind, Sealer, Session};
+use veiloc_protocol::{Answer, RigMessage, SealedQuery};
 
-use crate::seal::check_numbers;
-use crate::{CameraFromAr, FrameError, RigError, SealedCameraFrame, rig_message, seal_to_send};
+use crate::rig::check_numbers;
+use crate::{CameraFromAr, RigError, orientation_in_world, rig_message};
 
 /// Which frames a burst keeps, and how exact their poses are.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -131,15 +131,16 @@ pub enum BurstError {
     Empty,
     /// No frame of the burst can be sealed; this is the error of the newest.
     #[error(transparent)]
-    Frame(#[from] FrameError),
+    Frame(#[from] SealError),
 }
 
 /// The sharpest frames of the last second.
 ///
 /// ```
 /// use veiloc_ar::{Alignment, Axes, Burst, BurstError, CameraFrame, FrameworkPose};
-/// use veiloc_obfuscation::{KnownCamera, SealOptions, Session, device_rng};
-/// use veiloc_protocol::{Answer, Profile};
+/// use veiloc_geometry::Stop;
+/// use veiloc_obfuscation::{KnownCamera, Sealer, Session, device_rng};
+/// use veiloc_protocol::Answer;
 ///
 /// /// For every frame, on the camera's thread. Pose and time are those of the frame.
 /// fn on_frame(
@@ -156,12 +157,12 @@ pub enum BurstError {
 /// /// On another thread, with what [`Burst::take`] returned. `post`: to `/v1/maps/{map}/localize-rig`.
 /// fn localize(
 ///     mut taken: Burst,
+///     sealer: &Sealer,
 ///     session: &mut Session,
-///     profile: &Profile,
 ///     alignment: &mut Alignment,
 ///     post: impl Fn(Vec<u8>) -> Vec<u8>,
 /// ) -> Result<(), Box<dyn std::error::Error>> {
-///     let sealed = taken.seal(session, profile, &SealOptions::default(), &mut device_rng()?)?;
+///     let sealed = taken.seal(sealer, session, &Stop::default(), &mut device_rng()?)?;
 ///     let answer = Answer::decode(&post(sealed.message.encode()))?;
 ///     alignment.add(&answer, &sealed.cam_from_ar);
 ///     Ok(())
@@ -314,31 +315,35 @@ impl Burst {
 
     /// Seals the frames in the session of their place, and forgets them: no frame is sealed twice (rule L7).
     ///
-    /// A frame that cannot be sealed is left out. On a network error, send the bytes of the message again.
+    /// A frame that cannot be sealed, or whose query could not determine a pose, is left out. Gravity is sent with the
+    /// newest frame only: those of the others follow from it. On a network error, send the bytes of the message again.
     ///
-    /// - `options`: as for a frame. Gravity is sent with the newest frame only: those of the others follow from it.
+    /// - `stop`: stops the call from another thread.
     ///
     /// # Errors
-    /// [`BurstError::Frame`] when no frame can be sealed, and when the call was stopped ([`SealOptions::with_stop`]);
-    /// [`BurstError::Empty`]. The session has not changed then; the frames are gone.
+    /// [`BurstError::Frame`] when no frame can be sealed, and when the call was stopped; [`BurstError::Empty`]. The
+    /// session has not changed then; the frames are gone.
     pub fn seal(
         &mut self,
+        sealer: &Sealer,
         session: &mut Session,
-        profile: &Profile,
-        options: &SealOptions,
+        stop: &Stop,
         rng: &mut impl CryptoRng,
     ) -> Result<SealedBurst, BurstError> {
         let BurstOptions { rotation_sd_deg, translation_sd, metres_per_unit, .. } = self.options;
         let kept = std::mem::take(&mut self.kept);
         let mut next = session.clone();
-        let mut sealed: Vec<(SealedCameraFrame, CameraFromAr)> = Vec::new();
+        let newest_options = sealer.options().clone().only_balanced();
+        let others = Sealer::new(sealer.profile(), newest_options.clone().without_gravity())?;
+        let newest = Sealer::new(sealer.profile(), newest_options)?;
+        let mut sealed: Vec<(Sealed, CameraFromAr)> = Vec::new();
         let (mut first_error, mut left_out) = (None, 0);
         for frame in kept.iter().rev() {
             // Several would tell the tilt more finely than it is rounded.
-            let options = if sealed.is_empty() { options.clone() } else { options.clone().without_gravity() };
-            match frame.seal(&mut next, profile, &options, rng) {
+            let sealer = if sealed.is_empty() { &newest } else { &others };
+            match frame.seal(sealer, &mut next, stop, rng) {
                 Ok(query) => sealed.push((query, frame.cam_from_ar)),
-                Err(error) if is_stopped(&error) => return Err(error.into()),
+                Err(error) if error.kind() == SealErrorKind::Stopped => return Err(error.into()),
                 Err(error) => {
                     left_out += 1;
                     first_error = first_error.or(Some(error));
@@ -368,20 +373,28 @@ impl Burst {
     }
 }
 
+/// A frame that was sealed.
+struct Sealed {
+    query: SealedQuery,
+    keypoints: usize,
+    brightness: f64,
+}
+
 impl Kept {
     fn seal(
         &self,
+        sealer: &Sealer,
         session: &mut Session,
-        profile: &Profile,
-        options: &SealOptions,
+        stop: &Stop,
         rng: &mut impl CryptoRng,
-    ) -> Result<SealedCameraFrame, FrameError> {
-        let frame = CameraFrame::new(PixelFormat::Gray, self.size, &self.pixels, 0);
-        let frame = frame.map_err(SealError::from)?.turned(self.turns);
-        seal_to_send(Some(session), &frame, &self.camera, profile, options, Some(&self.cam_from_ar), rng)
+    ) -> Result<Sealed, SealError> {
+        let frame = CameraFrame::new(PixelFormat::Gray, self.size, &self.pixels, 0)?.turned(self.turns);
+        let image = Image::from(&frame).with_stop(stop);
+        let brightness = image.gray().mean();
+        let held = orientation_in_world(&self.cam_from_ar)?;
+        let extracted = sealer.extract(image, self.camera)?.with_orientation(held);
+        let keypoints = extracted.features().keypoints.len();
+        let query = sealer.in_session(session).seal(extracted, rng)?;
+        Ok(Sealed { query, keypoints, brightness })
     }
-}
-
-fn is_stopped(error: &FrameError) -> bool {
-    matches!(error, FrameError::Seal(error) if error.kind() == SealErrorKind::Stopped)
 }

@@ -1,7 +1,7 @@
 //! Internal: what an app with an AR framework needs beside sealing, without HTTP: the app sends the bytes itself.
 //!
-//! - [`seal_frame`], [`seal_frame_in`]: from a frame of the camera ([`CameraFrame`]) to a sealed query, alone or in a
-//!   session whose orientation is that of the AR framework.
+//! - [`orientation_in_world`]: the orientation of the camera in the AR world, with gravity, for a frame
+//!   ([`CameraFrame`], an [`Image`](veiloc_features::Image)) that a [`Sealer`](veiloc_obfuscation::Sealer) seals.
 //! - [`Burst`]: the sharpest frames of the last second, sealed in a session and localized together.
 //! - [`Axes`], [`FrameworkPose`]: poses in the axes and units of ARKit, ARCore, Unity, Unreal and COLMAP.
 //! - [`Alignment`]: the transform from the map to the AR world, from several answers, wrong ones among them; it places
@@ -40,7 +40,7 @@ mod alignment;
 mod axes;
 mod burst;
 mod distances;
-mod seal;
+mod rig;
 mod unit;
 
 pub use accuracy::Accuracy;
@@ -49,10 +49,7 @@ pub use alignment::{Aligned, Alignment, AlignmentOptions, AlignmentState, Update
 pub use axes::{ArWorld, Axes, AxesError, CameraFromAr, FrameworkPose};
 pub use burst::{Burst, BurstError, BurstOptions, SealedBurst};
 pub use distances::{DistanceRatio, DistanceVerdict};
-pub use seal::{
-    FrameError, RigError, SealedCameraFrame, orientation_in_world, rig_message, rig_of, seal_frame,
-    seal_frame_in, seal_to_send,
-};
+pub use rig::{RigError, orientation_in_world, rig_message, rig_of};
 pub use unit::{UnitError, metres_per_unit};
 pub use veiloc_features::{CameraFrame, PixelFormat};
 pub use veiloc_geometry::QuarterTurns;

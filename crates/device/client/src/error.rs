@@ -98,17 +98,9 @@ pub enum ClientError {
         /// What is wrong with it.
         reason: String,
     },
-    /// The features of an image could not be extracted.
+    /// An image could not be sealed.
     #[error(transparent)]
-    Extract(#[from] SealError),
-    /// The features of an image could not be sealed.
-    #[error("{}: {source}", path.display())]
-    Seal {
-        /// The image.
-        path: PathBuf,
-        /// The cause.
-        source: SealError,
-    },
+    Seal(#[from] SealError),
     /// The session file cannot be read or written, so no frame of the session may be sent.
     #[error("{}: {source}", path.display())]
     SessionIo {

@@ -6,8 +6,7 @@
 //! - [`Client`]: a client of a service. [`Client::profile`] fetches what is needed to seal for a map (and stores it in
 //!   [`ClientOptions::cache`]), [`Client::localize`] sends a query, [`Client::localize_rig`] sends several images of
 //!   one device, [`Client::localize_progressive`] sends rows only until the pose is trusted.
-//! - [`seal_image`]: from an image file and its camera to the sealed query; [`seal_masked`] without the pixels that a
-//!   [`Mask`] hides.
+//! - [`Sealer`]: from an image and its camera to the sealed query; [`Image::without`] hides what a [`Mask`] marks.
 //! - [`SessionFile`]: several images of one scene, sealed so that their lines do not cross in the keypoints.
 //! - [`ClientError`]: errors grouped by what an app does about them: busy, not localized, a map that was replaced, an
 //!   error response, the network.
@@ -21,15 +20,20 @@
 //!
 //! # The whole pipeline
 //! ```no_run
-//! use veiloc_client::{Answer, Client, ClientError, ClientOptions, SealOptions, seal_image};
+//! use veiloc_client::{
+//!     Answer, Client, ClientError, ClientOptions, Image, Intrinsics, SealOptions, Sealer, device_rng,
+//! };
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let client = Client::new("https://places.example:8443", Some("token"), ClientOptions::default())?;
 //! let profile = client.profile("lobby")?;
-//! let camera = "SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034".parse()?;
+//! let camera: Intrinsics = "SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034".parse()?;
 //! // The device chooses how positions are hidden, independent of the profile; the default is `dcl`.
-//! let sealed = seal_image("photo.jpg".as_ref(), &camera, &profile, &SealOptions::default())?;
-//! match client.localize("lobby", &sealed.query) {
+//! let sealer = Sealer::new(&profile, SealOptions::default())?;
+//! let extracted = sealer.extract(Image::open("photo.jpg".as_ref())?, camera)?;
+//! // Once for each image. Further images of the scene belong to one session: `sealer.in_session`.
+//! let query = sealer.seal(extracted, &mut device_rng()?)?;
+//! match client.localize("lobby", &query) {
 //!     Ok(Answer { trusted: true, pose: Some(pose), .. }) => {
 //!         println!("at {:?} ± {}", pose.center, pose.position_sd());
 //!     }
@@ -77,7 +81,6 @@ mod profile_cache;
 mod progressive;
 mod refusal;
 mod request;
-mod seal;
 mod session_file;
 mod transport;
 
@@ -87,12 +90,12 @@ pub use options::{ClientOptions, Notice, NoticeListener, RetryPolicy, Sleep};
 pub use progressive::{ProgressiveAnswer, Step, StepOutcome};
 pub use refusal::{Refusal, printable};
 pub use request::LocalizeRequest;
-pub use seal::{SealedImage, seal_image, seal_masked};
 pub use session_file::SessionFile;
-pub use veiloc_features::{Mask, load_mask};
+pub use veiloc_features::{Image, Mask, load_mask};
 pub use veiloc_geometry::{CameraFromRig, Intrinsics};
 pub use veiloc_obfuscation::{
-    KnownCamera, Orientation, SealError, SealOptions, Session, SessionAnchors, SessionOptions,
+    Extracted, KnownCamera, Orientation, SealError, SealOptions, Sealer, Session, SessionAnchors,
+    SessionOptions, SessionSealer, device_rng,
 };
 pub use veiloc_protocol::{
     Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, CoarseGravity, FocalKnowledge, PositionHint,

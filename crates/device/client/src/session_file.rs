@@ -4,15 +4,11 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
-use veiloc_features::{Features, Mask};
-use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{
-    Orientation, SealOptions, Session, SessionOptions, device_rng, extract, extract_masked,
-};
-use veiloc_protocol::Profile;
+use veiloc_obfuscation::{Extracted, Sealer, Session, SessionOptions, device_rng};
+use veiloc_protocol::SealedQuery;
 
+use crate::ClientError;
 use crate::atomic_file::write_atomic;
-use crate::{ClientError, SealedImage};
 
 /// Maximum size of a session file, bytes: the maximum number of landmarks with the longest descriptors.
 const MAX_BYTES: u64 = 8 << 20;
@@ -68,58 +64,18 @@ impl SessionFile {
         &self.session
     }
 
-    /// Seals the next frame, an image, and stores the session: [`crate::seal_image`] and [`Session::seal`] in one.
-    ///
-    /// `held`: orientation of the camera when it took the image.
-    ///
-    /// # Errors
-    /// [`ClientError`]; then the session and its file do not change.
-    pub fn seal_image(
-        &mut self,
-        image: &Path,
-        camera: &Intrinsics,
-        profile: &Profile,
-        options: &SealOptions,
-        held: &Orientation,
-    ) -> Result<SealedImage, ClientError> {
-        self.seal_extracted(image, extract(image, camera, profile, options)?, profile, options, held)
-    }
-
-    /// As [`Self::seal_image`], without the pixels that a mask hides: see [`crate::seal_masked`]. The session does not
-    /// store them either.
+    /// Seals the next image and stores the session: as [`SessionSealer::seal`](crate::SessionSealer::seal), with random
+    /// numbers of the operating system.
     ///
     /// # Errors
-    /// As [`Self::seal_image`]; [`ClientError`] for a mask of another size.
-    pub fn seal_masked(
-        &mut self,
-        image: &Path,
-        mask: &Mask,
-        camera: &Intrinsics,
-        profile: &Profile,
-        options: &SealOptions,
-        held: &Orientation,
-    ) -> Result<SealedImage, ClientError> {
-        let extracted = extract_masked(image, mask, camera, profile, options)?;
-        self.seal_extracted(image, extracted, profile, options, held)
-    }
-
-    fn seal_extracted(
-        &mut self,
-        image: &Path,
-        (features, camera): (Features, Intrinsics),
-        profile: &Profile,
-        options: &SealOptions,
-        held: &Orientation,
-    ) -> Result<SealedImage, ClientError> {
-        let refused = |source| ClientError::Seal { path: image.to_owned(), source };
-        let keypoints = features.keypoints.len();
-        let mut rng = device_rng().map_err(refused)?;
+    /// [`ClientError::Seal`], [`ClientError::SessionIo`]; then the session and its file do not change.
+    pub fn seal(&mut self, sealer: &Sealer, extracted: Extracted) -> Result<SealedQuery, ClientError> {
         let mut next = self.session.clone();
-        let query = next.seal(features, &camera, profile, options, held, &mut rng).map_err(refused)?;
+        let query = sealer.in_session(&mut next).seal(extracted, &mut device_rng()?)?;
         write_atomic(&self.path, &next.to_bytes())
             .map_err(|source| ClientError::SessionIo { path: self.path.clone(), source })?;
         self.session = next;
-        Ok(SealedImage { query, keypoints })
+        Ok(query)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::{Extractor, FeatureError, Features, Image, load_gray, orientation};
+use crate::{Extractor, FeatureError, Features, Image, orientation};
 
 /// How much to extract from an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,19 +46,19 @@ pub fn extract_image(
     extractor: &dyn Extractor,
     limits: Limits,
 ) -> Result<ExtractedImage, FeatureError> {
-    extract_loaded(Image::from(load_gray(path)?), path, camera_size, extractor, limits)
+    extract_loaded(Image::open(path)?, camera_size, extractor, limits)
 }
 
-/// As [`extract_image`], for an image that is already in memory. `path` is the file it came from, or the name for
-/// messages. Pixels that a mask hid ([`Image::without`]) have no influence on the features: keypoints whose descriptor
-/// window touches them are dropped.
+/// As [`extract_image`], for an image that is already in memory. Pixels that a mask hid ([`Image::without`]) have no
+/// influence on the features: keypoints whose descriptor window touches them are dropped.
+///
+/// `camera_size`: of the image as it is here, after its turn.
 ///
 /// # Errors
 /// [`FeatureError`]: not of the camera's size, stopped, or an error of the extractor; stored features ([`Extractor::stored`])
 /// for an image with a mask.
 pub fn extract_loaded(
     image: Image,
-    path: &Path,
     camera_size: Option<(u32, u32)>,
     extractor: &dyn Extractor,
     limits: Limits,
@@ -66,8 +66,9 @@ pub fn extract_loaded(
     let size_in_file = (image.width(), image.height());
     if let Some(camera) = camera_size.filter(|camera| *camera != size_in_file) {
         let swapped = (camera.1, camera.0) == size_in_file;
-        let turn = if swapped { orientation::turn_of(path) } else { None };
-        return Err(FeatureError::ImageSize { path: path.into(), actual: size_in_file, camera, turn });
+        let turn = if swapped { orientation::turn_of(image.name()) } else { None };
+        let [actual, camera] = [size_in_file, camera].map(|size| image.turns().size_of(size));
+        return Err(FeatureError::ImageSize { path: image.name().into(), actual, camera, turn });
     }
     let image = image.limited(limits.max_side);
     let kind = extractor.kind();
@@ -81,7 +82,7 @@ pub fn extract_loaded(
             let scale = |own: u32, file: u32| f64::from(own) / f64::from(file);
             let columns = scale(image.width(), size_in_file.0);
             let rows = scale(image.height(), size_in_file.1);
-            stored.features(path, size_in_file)?.scaled(columns, rows).strongest(limits.max_keypoints)
+            stored.features(image.name(), size_in_file)?.scaled(columns, rows).strongest(limits.max_keypoints)
         }
         None => extractor.extract(&image, limits.max_keypoints)?,
     };

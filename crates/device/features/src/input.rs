@@ -1,19 +1,49 @@
 //! The input of an extractor: one image in memory.
 
-use veiloc_geometry::Stop;
+use std::path::{Path, PathBuf};
 
-use crate::{FeatureError, GrayImage, Mask};
+use veiloc_geometry::{QuarterTurns, Stop};
+
+use crate::{CameraFrame, FeatureError, GrayImage, Mask, load_gray};
 
 /// An image for extractors: samples, and no metadata.
 #[derive(Debug, Clone)]
 pub struct Image {
+    /// The file it was read from, or a name for messages.
+    name: PathBuf,
     gray: GrayImage,
+    turns: QuarterTurns,
     /// The mask of its hidden pixels, at the size of the image before scaling.
     hidden: Option<Mask>,
     stop: Stop,
 }
 
 impl Image {
+    /// Reads a JPEG or PNG file as it is stored.
+    ///
+    /// # Errors
+    /// As [`load_gray`].
+    pub fn open(path: &Path) -> Result<Self, FeatureError> {
+        Ok(Self::from(load_gray(path)?).named(path))
+    }
+
+    /// The image with another name for messages: the file that its samples came from.
+    #[must_use]
+    pub fn named(self, name: impl Into<PathBuf>) -> Self {
+        Self { name: name.into(), ..self }
+    }
+
+    /// The file it was read from, or a name for messages.
+    pub fn name(&self) -> &Path {
+        &self.name
+    }
+
+    /// How the samples are turned relative to the camera ([`CameraFrame::turned`]): the camera of the image is the given
+    /// one, turned as much.
+    pub const fn turns(&self) -> QuarterTurns {
+        self.turns
+    }
+
     /// Columns.
     pub const fn width(&self) -> u32 {
         self.gray.width()
@@ -68,6 +98,13 @@ impl Image {
 
 impl From<GrayImage> for Image {
     fn from(gray: GrayImage) -> Self {
-        Self { gray, hidden: None, stop: Stop::default() }
+        let (name, turns) = (PathBuf::from("the image"), QuarterTurns::NONE);
+        Self { name, gray, turns, hidden: None, stop: Stop::default() }
+    }
+}
+
+impl From<&CameraFrame<'_>> for Image {
+    fn from(frame: &CameraFrame<'_>) -> Self {
+        Self { turns: frame.turns(), ..Self::from(frame.gray()).named("the frame") }
     }
 }

@@ -20,9 +20,9 @@ use std::path::Path;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
-use veiloc_features::{Extractors, Limits, Sift, extract_image, guessed_camera};
+use veiloc_features::{Extractors, Image, Limits, Sift, extract_image, guessed_camera};
 use veiloc_geometry::Pixel;
-use veiloc_obfuscation::{SealOptions, extract, extract_with, seal_with_truth};
+use veiloc_obfuscation::{Extracted, SealOptions, Sealer};
 use veiloc_protocol::Profile;
 
 type BoxError = Box<dyn Error>;
@@ -47,17 +47,18 @@ fn rows(border: &str, path: &Path) -> Result<Vec<u8>, BoxError> {
     let profile = Profile::vlad(Vocabulary::new(words)?);
     let options = SealOptions::default();
     let (camera, most) = (guessed_camera(path)?, Limits { max_keypoints: MAX_KEYPOINTS, max_side: 1600 });
-    let (features, camera) = match border {
+    let whole = options.clone().with_extractors(Extractors::default());
+    let sealer = Sealer::new(&profile, if border == "whole" { whole } else { options })?;
+    let extracted = match border {
         "cut" => {
             let image = extract_image(path, Some((camera.width, camera.height)), &Sift::default(), most)?;
-            (image.features, camera.resized(image.size.0, image.size.1))
+            Extracted::new(image.features, camera.resized(image.size.0, image.size.1))
         }
-        "sent" => extract(path, &camera, &profile, &options)?,
-        "whole" => extract_with(&Extractors::default(), path, &camera, &profile, &options)?,
+        "sent" | "whole" => sealer.extract(Image::open(path)?, camera)?,
         other => return Err(format!("{other}: write cut, sent or whole").into()),
     };
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let (query, truth) = seal_with_truth(features, &camera, &profile, &options, &mut rng)?;
+    let (query, truth) = sealer.seal_with_truth(extracted, &mut rng)?;
     let real: Vec<usize> = (0..truth.pixels.len()).filter(|&row| truth.source[row].is_some()).collect();
     let seen = query.camera();
     let mut bytes: Vec<u8> =

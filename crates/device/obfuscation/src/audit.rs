@@ -5,16 +5,14 @@
 
 use rand::{CryptoRng, Rng};
 use veiloc_descriptor::Descriptors;
-use veiloc_features::Features;
-use veiloc_geometry::{Intrinsics, Pinhole, Pixel};
-use veiloc_protocol::{AngleBits, LayoutTurn, Observations, Profile, Scheme, SealedQuery};
+use veiloc_geometry::{Pinhole, Pixel};
+use veiloc_protocol::{AngleBits, LayoutTurn, Observations, Scheme, SealedQuery};
 
 use crate::decoy;
 use crate::positions::{DistinctPositions, dither};
-use crate::rule::FrameRule;
 use crate::schemes::{lift, select};
-use crate::seal::{HiddenState, seal_frame};
-use crate::{DeviceLimits, Orientation, SealError, SealOptions, Session};
+use crate::seal::HiddenState;
+use crate::{DeviceLimits, Extracted, SealError, SealOptions, Sealer, SessionSealer};
 
 /// The ground truth of a sealed query. `[N]` each, in the order of its rows.
 #[derive(Clone, PartialEq)]
@@ -32,35 +30,31 @@ impl std::fmt::Debug for SealTruth {
     }
 }
 
-/// As [`crate::seal`], and returns the ground truth. For the audit and for evaluation only.
-///
-/// # Errors
-/// As [`crate::seal`].
-pub fn seal_with_truth(
-    features: Features,
-    camera: &Intrinsics,
-    profile: &Profile,
-    options: &SealOptions,
-    rng: &mut impl CryptoRng,
-) -> Result<(SealedQuery, SealTruth), SealError> {
-    seal_frame(&features, camera, profile, options, &FrameRule::default(), rng, SealTruth::of)
-}
-
-impl Session {
-    /// As [`Session::seal`], and returns the ground truth. For the audit and for evaluation only.
+impl Sealer {
+    /// As [`Sealer::seal`], and returns the ground truth. For the audit and for evaluation only.
     ///
     /// # Errors
-    /// As [`Session::seal`].
+    /// As [`Sealer::seal`].
     pub fn seal_with_truth(
-        &mut self,
-        features: Features,
-        camera: &Intrinsics,
-        profile: &Profile,
-        options: &SealOptions,
-        held: &Orientation,
+        &self,
+        extracted: Extracted,
         rng: &mut impl CryptoRng,
     ) -> Result<(SealedQuery, SealTruth), SealError> {
-        self.seal_and(features, (camera, profile), options, held, rng, SealTruth::of)
+        self.seal_and(&extracted, rng, SealTruth::of)
+    }
+}
+
+impl SessionSealer<'_> {
+    /// As [`SessionSealer::seal`], and returns the ground truth. For the audit and for evaluation only.
+    ///
+    /// # Errors
+    /// As [`SessionSealer::seal`].
+    pub fn seal_with_truth(
+        self,
+        extracted: Extracted,
+        rng: &mut impl CryptoRng,
+    ) -> Result<(SealedQuery, SealTruth), SealError> {
+        self.session.seal_and(self.sealer, &extracted, rng, SealTruth::of)
     }
 }
 
@@ -97,10 +91,10 @@ pub fn options_for(scheme: Scheme) -> SealOptions {
     options.with_limits(everything)
 }
 
-/// Obfuscates bare positions in the given order, `[N]`: dither, line and quantization as in [`crate::seal`], but
+/// Obfuscates bare positions in the given order, `[N]`: dither, line and quantization as in [`Sealer::seal`], but
 /// nothing is dropped, filled up or shuffled. For evaluation on given correspondences.
 ///
-/// Equal positions get equal observations, as in [`crate::seal`].
+/// Equal positions get equal observations, as in [`Sealer::seal`].
 ///
 /// # Errors
 /// [`SealError::NotFinite`] and [`SealError::TooFar`], naming the index of the point.
@@ -132,7 +126,7 @@ pub fn obfuscate_points(
     Ok(rows.observations(*scheme, angle_bits, &camera, turn).expect("the rows were lifted under this scheme"))
 }
 
-/// Decoys as [`crate::seal`] makes them beside rows with these keypoints and descriptors: `count` positions and
+/// Decoys as [`Sealer::seal`] makes them beside rows with these keypoints and descriptors: `count` positions and
 /// descriptors. For evaluation of larger numbers of decoys.
 ///
 /// Positions lie in the image. An image without keypoints gets no decoys.

@@ -6,8 +6,8 @@ use veiloc_features::{FeatureError, exif_camera, guessed_camera};
 use veiloc_geometry::Intrinsics;
 use veiloc_protocol::FocalKnowledge;
 
-/// An image's camera, and how well its focal length is known. [`SealOptions::with_focal`](crate::SealOptions) takes the
-/// latter.
+/// An image's camera, and how well its focal length is known: the query says so, and the server estimates a focal length
+/// that is not calibrated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KnownCamera {
     /// The camera.
@@ -37,5 +37,11 @@ impl KnownCamera {
     /// [`FeatureError`] when the file is not an image.
     pub fn guessed(image: &Path) -> Result<Self, FeatureError> {
         Ok(Self { intrinsics: guessed_camera(image)?, focal: FocalKnowledge::Unknown })
+    }
+}
+
+impl From<Intrinsics> for KnownCamera {
+    fn from(intrinsics: Intrinsics) -> Self {
+        Self::calibrated(intrinsics)
     }
 }

@@ -1,7 +1,7 @@
 //! Why an image could not be extracted or sealed, and what to do about it.
 
 use veiloc_features::FeatureError;
-use veiloc_protocol::QueryError;
+use veiloc_protocol::{QueryError, UnbalancedAnchors};
 
 /// Why nothing was sealed. Holds counts and indices, never positions.
 #[derive(Debug, thiserror::Error)]
@@ -47,6 +47,9 @@ pub enum SealError {
         /// How many there are.
         keypoints: usize,
     },
+    /// Too few rows on one side of the dividing line, where only queries that can determine a pose are sealed.
+    #[error(transparent)]
+    Unbalanced(#[from] UnbalancedAnchors),
     /// `points` was requested where a scheme that hides positions is required.
     #[error(
         "the scheme points sends positions unprotected; if that is intended, use SealOptions::unprotected_points"
@@ -76,8 +79,7 @@ pub enum SealError {
     },
     /// The owner consented to a global descriptor of the image, but the features come without one.
     #[error(
-        "the features come without the global descriptor of their image; extract them with the options that they are \
-         sealed with"
+        "the features come without the global descriptor of their image; extract them with the sealer that seals them"
     )]
     NoGlobal,
     /// There are too few keypoints, and decoys cannot be made.
@@ -173,6 +175,8 @@ pub enum SealErrorKind {
     Image,
     /// The image shows too little texture, or on one side only: take another image.
     Texture,
+    /// The query could not determine a pose: take another image.
+    Unbalanced,
     /// The bytes are not a session, or damaged: begin a new one.
     Session,
     /// The session would have to be placed anew too often: walk on, and show another view.
@@ -191,6 +195,7 @@ impl SealErrorKind {
         match self {
             Self::Image => "image",
             Self::Texture => "texture",
+            Self::Unbalanced => "unbalanced",
             Self::Session => "session",
             Self::TooManyStarts => "too-many-starts",
             Self::TurnedAway => "turned-away",
@@ -209,6 +214,7 @@ impl SealError {
             Self::NoKeypoints { .. } | Self::OneSided { .. } | Self::NoDecoys { .. } => {
                 SealErrorKind::Texture
             }
+            Self::Unbalanced(_) => SealErrorKind::Unbalanced,
             Self::NotASession | Self::SessionVersion { .. } | Self::SessionDamaged { .. } => {
                 SealErrorKind::Session
             }

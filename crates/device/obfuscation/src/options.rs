@@ -2,10 +2,9 @@
 
 use veiloc_descriptor::{GlobalModel, Vocabulary};
 use veiloc_features::{Extractors, SharedGlobal};
-use veiloc_geometry::Stop;
-use veiloc_protocol::{AngleBits, CoarseGravity, ExtractionLimits, FocalKnowledge, Hints, Profile, Scheme};
+use veiloc_protocol::{AngleBits, ExtractionLimits, Profile, Scheme};
 
-use crate::{Orientation, SealError};
+use crate::SealError;
 
 /// How an image is sealed. The device decides all of it; no option comes from a profile.
 ///
@@ -28,17 +27,15 @@ pub struct SealOptions {
     angle_bits: AngleBits,
     max_keypoints: Option<usize>,
     limits: DeviceLimits,
-    hints: Hints,
     sends_gravity: bool,
+    only_balanced: bool,
     extractors: Extractors,
     image_global: Option<SharedGlobal>,
-    stop: Stop,
 }
 
 /// `dcl` with its default layout, 12-bit angles, as many keypoints as the profile requests within
-/// [`DeviceLimits::default`]; the camera is calibrated, gravity is sent where the orientation of the camera has it
-/// ([`SealOptions::with_gravity_of`]), features are SIFT ([`Extractors::for_sealing`]), and no global descriptor of the
-/// image is sent.
+/// [`DeviceLimits::default`]; gravity is sent where it is known, features are SIFT ([`Extractors::for_sealing`]), and no
+/// global descriptor of the image is sent.
 impl Default for SealOptions {
     fn default() -> Self {
         Self {
@@ -46,11 +43,10 @@ impl Default for SealOptions {
             angle_bits: AngleBits::default(),
             max_keypoints: None,
             limits: DeviceLimits::default(),
-            hints: Hints::default(),
             sends_gravity: true,
+            only_balanced: false,
             extractors: Extractors::for_sealing(),
             image_global: None,
-            stop: Stop::default(),
         }
     }
 }
@@ -100,39 +96,19 @@ impl SealOptions {
         self
     }
 
-    /// These options for an image whose focal length is known this well ([`KnownCamera`](crate::KnownCamera) says how
-    /// well). The server also estimates the focal length where it is not calibrated.
-    #[must_use]
-    pub const fn with_focal(mut self, focal: FocalKnowledge) -> Self {
-        self.hints.focal = focal;
-        self
-    }
-
-    /// These options with the gravity direction measured while the image was taken. It helps where few keypoints match.
-    /// It reveals the tilt of the device, rounded to about a degree (`docs/reference/privacy-rules.md`).
-    #[must_use]
-    pub const fn with_gravity(mut self, gravity: Option<CoarseGravity>) -> Self {
-        self.hints.gravity = gravity;
-        self
-    }
-
-    /// These options without gravity, also where the orientation of the camera has it.
+    /// These options without gravity: it is not sent, also where it is known.
     #[must_use]
     pub const fn without_gravity(mut self) -> Self {
         self.sends_gravity = false;
-        self.with_gravity(None)
+        self
     }
 
-    /// These options with the gravity direction of an orientation ([`Orientation::with_down`]), if it has one, and a
-    /// standard deviation of [`CoarseGravity::TRACKING_SD_DEG`]. Nothing changes after [`Self::without_gravity`], and
-    /// where another direction is given ([`Self::with_gravity`]).
-    ///
-    /// [`Session::seal`](crate::Session::seal) does this by itself.
+    /// These options with [`SealError::Unbalanced`] for an image whose query could not determine a pose
+    /// ([`SealedQuery::check_sides`](veiloc_protocol::SealedQuery::check_sides)); a session has not changed then, so
+    /// another image costs nothing.
     #[must_use]
-    pub fn with_gravity_of(mut self, held: &Orientation) -> Self {
-        if self.sends_gravity && self.hints.gravity.is_none() {
-            self.hints.gravity = held.coarse_gravity();
-        }
+    pub const fn only_balanced(mut self) -> Self {
+        self.only_balanced = true;
         self
     }
 
@@ -157,27 +133,12 @@ impl SealOptions {
         self
     }
 
-    /// These options with a flag that stops the extraction from another thread; [`SealErrorKind::Stopped`] then, and a
-    /// session has not changed.
-    ///
-    /// [`SealErrorKind::Stopped`]: crate::SealErrorKind::Stopped
-    #[must_use]
-    pub fn with_stop(mut self, stop: &Stop) -> Self {
-        self.stop = stop.clone();
-        self
-    }
-
-    /// The flag that stops the extraction.
-    pub const fn stop(&self) -> &Stop {
-        &self.stop
-    }
-
     /// The extractor of the global descriptor that this profile requests; `None` where the server computes it from the
     /// rows.
     ///
     /// # Errors
     /// [`SealError::GlobalOfImage`] when the owner did not consent to this model.
-    pub fn image_global(&self, profile: &Profile) -> Result<Option<&SharedGlobal>, SealError> {
+    pub(crate) fn image_global(&self, profile: &Profile) -> Result<Option<&SharedGlobal>, SealError> {
         match profile.global_model() {
             GlobalModel::Vlad(_) => Ok(None),
             GlobalModel::Named(requested) => match &self.image_global {
@@ -195,9 +156,14 @@ impl SealOptions {
         &self.extractors
     }
 
-    /// What the query says about the camera beside its rows.
-    pub const fn hints(&self) -> Hints {
-        self.hints
+    /// Whether gravity is sent where it is known.
+    pub(crate) const fn sends_gravity(&self) -> bool {
+        self.sends_gravity
+    }
+
+    /// Whether only queries that can determine a pose are sealed.
+    pub(crate) const fn is_only_balanced(&self) -> bool {
+        self.only_balanced
     }
 
     /// How positions are hidden.
@@ -210,16 +176,12 @@ impl SealOptions {
         self.angle_bits
     }
 
-    /// How much of an image is extracted: what the profile requests, within the limits of the device. The longest side
-    /// is one of [`DeviceLimits::IMAGE_SIDES`].
+    /// How much of an image is extracted: what the profile requests, within the limits of the device.
     ///
     /// # Errors
-    /// [`SealError::VocabularyTooLarge`] when the profile's vocabulary exceeds the limit of the device, and
-    /// [`SealError::GlobalOfImage`] when it requests a global descriptor of the image without the owner's consent
-    /// ([`Self::with_image_global`]).
-    pub fn bounded(&self, profile: &Profile) -> Result<ExtractionLimits, SealError> {
+    /// [`SealError::VocabularyTooLarge`] when the profile's vocabulary exceeds the limit of the device.
+    pub(crate) fn bounded(&self, profile: &Profile) -> Result<ExtractionLimits, SealError> {
         let requested = profile.limits();
-        self.image_global(profile)?;
         let words = profile.vocabulary().map_or(0, Vocabulary::len);
         let allowed = self.limits.max_vocabulary_words;
         if words > allowed {

@@ -14,14 +14,13 @@ use veiloc_localization::matching::match_points;
 use veiloc_localization::observe_matches;
 use veiloc_localization::retrieval::retrieve;
 use veiloc_map::MapFile;
-use veiloc_obfuscation::audit::options_for;
-use veiloc_obfuscation::{SealTruth, seal_with_truth};
+use veiloc_obfuscation::SealTruth;
 use veiloc_pose::Correspondences;
 use veiloc_protocol::{Observations, Scheme, SealedQuery};
 
 use crate::SceneEvaluation;
 use crate::error::EvalError;
-use crate::pipeline::{PosedQuery, SceneMap, extract_features, posed_queries, with_extractors};
+use crate::pipeline::{PosedQuery, SceneMap, image_of, posed_queries};
 
 /// One query as a problem, and all of its sent keypoints.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,13 +65,12 @@ fn make_problem(
     mask: Option<&Path>,
     scene: &SceneEvaluation,
 ) -> Result<GeneratedProblem, EvalError> {
-    let profile = map.profile();
-    let options =
-        with_extractors(options_for(Scheme::Points), &scene.build.extractors, scene.build.global.as_ref());
-    let (features, camera) = extract_features(&query.path, mask, &query.camera, profile, &options)?;
-    let strengths: Vec<f32> = features.keypoints.iter().map(|k| k.response).collect();
+    let sealer = scene.sealer(map.profile(), Scheme::Points)?;
+    let extracted = sealer.extract(image_of(&query.path, mask)?, query.camera)?;
+    let strengths: Vec<f32> = extracted.features().keypoints.iter().map(|k| k.response).collect();
     let mut rng = ChaCha20Rng::seed_from_u64(seed_for(scene.seed, &[&query.name]));
-    let (sealed, truth) = seal_with_truth(features, &camera, profile, &options, &mut rng)
+    let (sealed, truth) = sealer
+        .seal_with_truth(extracted, &mut rng)
         .map_err(|e| EvalError::DataSet(format!("{}: {e}", query.name)))?;
     let line = line(map, query, scene, &sealed)?;
     Ok(GeneratedProblem {

@@ -11,12 +11,13 @@ use std::path::Path;
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use rayon::prelude::*;
+use veiloc_features::Image;
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use veiloc_localization::{LocalizeOptions, localize};
 use veiloc_map::{CovarianceCalibration, MapFile, colmap};
 use veiloc_mapping::calibration::{SelfTestOptions, self_test};
 use veiloc_mapping::{BuildOptions, Input, build};
-use veiloc_obfuscation::{SealOptions, extract, seal};
+use veiloc_obfuscation::{SealOptions, Sealer};
 use veiloc_protocol::Scheme;
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
@@ -67,15 +68,15 @@ fn main() -> Result<(), Failure> {
     let map = MapFile::of_model(&model)?;
     for scheme in Scheme::ALL {
         let options = SealOptions::new(scheme).unwrap_or_else(|_| SealOptions::unprotected_points());
+        let sealer = Sealer::new(map.profile(), options)?;
         let found: Vec<[Option<[f64; 2]>; 3]> = queries
             .par_iter()
             .enumerate()
             .filter_map(|(index, name)| {
                 let image = posed.get(name)?;
-                let (features, camera) =
-                    extract(&images.join(name), &image.camera, map.profile(), &options).ok()?;
-                let mut rng = ChaCha20Rng::seed_from_u64(index as u64);
-                let query = seal(features, &camera, map.profile(), &options, &mut rng).ok()?;
+                let photo = Image::open(&images.join(name)).ok()?;
+                let extracted = sealer.extract(photo, image.camera).ok()?;
+                let query = sealer.seal(extracted, &mut ChaCha20Rng::seed_from_u64(index as u64)).ok()?;
                 let found = localize(&query, &map, &LocalizeOptions::default()).ok()?;
                 if index == 0 {
                     println!("  {} pairs of a query: {:.1?}", found.pairs, found.times);

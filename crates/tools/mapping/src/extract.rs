@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use rayon::prelude::*;
-use veiloc_features::{Extractor, FeatureError, Image, Limits, SharedGlobal, extract_loaded, load_gray};
+use veiloc_features::{Extractor, FeatureError, Image, Limits, SharedGlobal, extract_loaded};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::PosedImage;
 use veiloc_protocol::ExtractionLimits;
@@ -94,10 +94,9 @@ fn extract(
         return Ok(found);
     }
     let limits = Limits { max_keypoints: limits.max_keypoints as usize, max_side: limits.max_image_side };
-    let image = Image::from(load_gray(path)?);
+    let image = Image::open(path)?;
     let global = extractor_pair.global.map(|own| own.describe(&image)).transpose()?;
-    let features =
-        extract_loaded(image, path, Some(size), extractor_pair.extractor, limits)?.features_in_file();
+    let features = extract_loaded(image, Some(size), extractor_pair.extractor, limits)?.features_in_file();
     let keypoints: Vec<[f32; 2]> =
         features.keypoints.iter().map(|k| [k.pixel.u as f32, k.pixel.v as f32]).collect();
     let found = ExtractedFeatures { keypoints, descriptors: features.descriptors, global };

@@ -4,13 +4,14 @@ use rand::{CryptoRng, RngCore};
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng;
 use veiloc_ar::{
-    Alignment, Burst, BurstError, BurstOptions, CameraFrame, CameraFromAr, FrameError, PixelFormat,
-    QuarterTurns, SealedBurst, Update, seal_to_send,
+    Alignment, Burst, BurstError, BurstOptions, CameraFrame, CameraFromAr, PixelFormat, QuarterTurns,
+    SealedBurst, Update, orientation_in_world,
 };
+use veiloc_features::Image;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{Anchor, Stop};
 use veiloc_localization::{LocalizeOptions, localize_rig};
-use veiloc_obfuscation::{SealErrorKind, SealOptions, Session, SessionOptions};
+use veiloc_obfuscation::{SealErrorKind, SealOptions, Sealer, Session, SessionOptions};
 use veiloc_pose::State;
 use veiloc_protocol::{CoarseGravity, Observations, RigMessage, SealedQuery};
 
@@ -35,8 +36,12 @@ fn offer(burst: &mut Burst, frame: &Frame, seconds: f64) -> bool {
     burst.offer(&frame.camera_frame(), &known(), &frame.cam_from_ar, seconds).expect("finite")
 }
 
+fn sealer(options: SealOptions) -> Sealer {
+    Sealer::new(room().map.profile(), options).expect("its profile")
+}
+
 fn seal(burst: &mut Burst, session: &mut Session) -> Result<SealedBurst, BurstError> {
-    burst.seal(session, room().map.profile(), &SealOptions::default(), &mut rng())
+    burst.seal(&sealer(SealOptions::default()), session, &Stop::default(), &mut rng())
 }
 
 /// A burst of the frames of this many seconds.
@@ -115,18 +120,19 @@ fn a_burst_of_one_frame_is_sealed_as_the_frame() {
         frame.pixels.chunks(400).flat_map(|row| row.iter().copied().chain([9; 16])).collect();
     let padded = CameraFrame::new(PixelFormat::Gray, SIZE, &padded, 416).expect("a frame");
     let padded = padded.turned(QuarterTurns::from_degrees(90).expect("a quarter"));
-    let profile = room.map.profile();
     let (mut own, mut other) = (session(), session());
     let mut burst = Burst::new(BurstOptions::default().with_frames(1)).expect("options");
     burst.offer(&padded, &known(), &frame.cam_from_ar, 1.0).expect("finite");
     let sealed = seal(&mut burst, &mut own).expect("texture");
-    let options = SealOptions::default();
-    let pose = Some(&frame.cam_from_ar);
-    let alone = seal_to_send(Some(&mut other), &padded, &known(), profile, &options, pose, &mut rng());
-    let alone = alone.expect("texture");
-    assert_eq!(sealed.message.frames[0].query.encode(), alone.query.encode());
+    let (image, sealer) = (Image::from(&padded), sealer(SealOptions::default()));
+    let brightness = image.gray().mean();
+    let held = orientation_in_world(&frame.cam_from_ar).expect("finite");
+    let extracted = sealer.extract(image, known()).expect("texture").with_orientation(held);
+    let keypoints = extracted.features().keypoints.len();
+    let alone = sealer.in_session(&mut other).seal(extracted, &mut rng()).expect("texture");
+    assert_eq!(sealed.message.frames[0].query.encode(), alone.encode());
     assert!(own == other);
-    assert_eq!((sealed.keypoints, sealed.brightness), (alone.keypoints, alone.brightness));
+    assert_eq!((sealed.keypoints, sealed.brightness), (keypoints, brightness));
     let on_rig = &sealed.message.frames[0];
     assert_eq!((on_rig.rotation_sd_deg, on_rig.translation_sd), (0.0, 0.0));
 }
@@ -158,16 +164,17 @@ fn poses_are_relative_to_the_newest_frame_and_errors_add_up() {
 #[test]
 fn gravity_is_sent_once_and_only_if_the_app_allows_it() {
     let room = room();
-    let gravity_of = |options: &SealOptions| -> Vec<Option<CoarseGravity>> {
+    let gravity_of = |options: SealOptions| -> Vec<Option<CoarseGravity>> {
         let (mut burst, _) = burst_of(&room, &[0.0, 0.4]);
-        let sealed = burst.seal(&mut session(), room.map.profile(), options, &mut rng()).expect("texture");
+        let sealed =
+            burst.seal(&sealer(options), &mut session(), &Stop::default(), &mut rng()).expect("texture");
         sealed.message.frames.iter().map(|frame| frame.query.gravity()).collect()
     };
     let newest = room.frame(0.4);
     let down = newest.cam_from_map.rotation() * -Vector3::z();
     let rounded = CoarseGravity::new(down.into(), 0.5).expect("a direction");
-    assert_eq!(gravity_of(&SealOptions::default()), [Some(rounded), None]);
-    assert_eq!(gravity_of(&SealOptions::default().without_gravity()), [None, None]);
+    assert_eq!(gravity_of(SealOptions::default()), [Some(rounded), None]);
+    assert_eq!(gravity_of(SealOptions::default().without_gravity()), [None, None]);
 }
 
 #[test]
@@ -201,10 +208,7 @@ fn a_burst_that_cannot_be_sealed_leaves_the_session() {
         offer(&mut dark, &black(&room.frame(seconds)), seconds);
     }
     let error = seal(&mut dark, &mut session).expect_err("no texture");
-    assert!(
-        matches!(&error, BurstError::Frame(FrameError::Seal(e)) if e.kind() == SealErrorKind::Texture),
-        "{error}"
-    );
+    assert!(matches!(&error, BurstError::Frame(e) if e.kind() == SealErrorKind::Texture), "{error}");
     assert!(dark.is_empty() && session == before);
     assert!(matches!(seal(&mut dark, &mut session), Err(BurstError::Empty)));
 }
@@ -237,13 +241,10 @@ fn a_burst_that_is_stopped_between_two_frames_leaves_the_session() {
     let (mut burst, _) = burst_of(&room, &[0.0, 0.4]);
     let (stop, mut session) = (Stop::default(), session());
     let before = session.clone();
-    let options = SealOptions::default().with_stop(&stop);
-    let sealed = burst.seal(&mut session, room.map.profile(), &options, &mut Stopping(rng(), &stop));
+    let sealer = sealer(SealOptions::default());
+    let sealed = burst.seal(&sealer, &mut session, &stop, &mut Stopping(rng(), &stop));
     let stopped = sealed.expect_err("stopped");
-    assert!(
-        matches!(&stopped, BurstError::Frame(FrameError::Seal(e)) if e.kind() == SealErrorKind::Stopped),
-        "{stopped}"
-    );
+    assert!(matches!(&stopped, BurstError::Frame(e) if e.kind() == SealErrorKind::Stopped), "{stopped}");
     assert!(session == before);
 }
 

@@ -195,8 +195,8 @@ fn image_in_memory_equals_its_file() {
     let folder = tempfile::tempdir().expect("temporary folder");
     let path = saved(folder.path(), "a.png", ImageFormat::Png);
     let loaded = |camera| {
-        let image = Image::from(load_gray(&path).expect("an image"));
-        extract_loaded(image, Path::new("frame 7"), Some(camera), &Sift::default(), LIMITS)
+        let image = Image::from(load_gray(&path).expect("an image")).named("frame 7");
+        extract_loaded(image, Some(camera), &Sift::default(), LIMITS)
     };
     let of_file = extract_image(&path, Some((64, 48)), &Sift::default(), LIMITS).expect("it fits");
     let in_memory = loaded((64, 48)).expect("it fits");

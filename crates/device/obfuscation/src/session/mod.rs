@@ -6,7 +6,7 @@
 //! rotates the layout into its camera by the orientation that the device measured relative to the first frame
 //! ([`Orientation`]).
 //!
-//! What a session adds to [`crate::seal`]:
+//! What a session adds to [`Sealer::seal`]:
 //! - **The layout is fixed in the world**, anchors and sectors ([`SessionAnchors`]); the query contains its rotation.
 //! - **Keypoints near sector borders are dropped**: in the next frame they may belong to another anchor, and two lines
 //!   of two anchors cross in the keypoint ([`SessionOptions::band_deg`]).
@@ -31,10 +31,8 @@ mod overlap;
 mod placement;
 
 use rand::CryptoRng;
-use veiloc_features::Features;
-use veiloc_geometry::Intrinsics;
 use veiloc_geometry::nalgebra::Rotation3;
-use veiloc_protocol::{CanonicalCamera, Profile, Scheme, SealedQuery};
+use veiloc_protocol::{CanonicalCamera, Scheme, SealedQuery};
 
 pub use options::{SessionAnchors, SessionAnchorsError, SessionOptions};
 pub use orientation::Orientation;
@@ -45,8 +43,8 @@ use placement::place_layout;
 use crate::grid::AngleGrid;
 use crate::rule::{FrameRule, RowHistory};
 use crate::schemes::dcl::pencils;
-use crate::seal::{HiddenState, SelectedKeypoint, check, seal_frame};
-use crate::{SealError, SealOptions};
+use crate::seal::{HiddenState, SelectedKeypoint};
+use crate::{Extracted, SealError, Sealer};
 
 /// What the frames of one scene share. Only the device holds it.
 ///
@@ -55,7 +53,10 @@ use crate::{SealError, SealOptions};
 /// # use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 /// # use veiloc_features::{Features, Keypoint};
 /// # use veiloc_geometry::Pixel;
-/// use veiloc_obfuscation::{Orientation, SealOptions, Session, SessionOptions, device_rng};
+/// use veiloc_geometry::Intrinsics;
+/// use veiloc_obfuscation::{
+///     Extracted, Orientation, SealOptions, Sealer, Session, SessionOptions, device_rng,
+/// };
 /// # let kind = DescriptorKind::ROOT_SIFT;
 /// # let profile = veiloc_protocol::Profile::vlad(Vocabulary::new(Descriptors::new(kind, vec![20; 2 * 128])?)?);
 /// # let features = || -> Features {
@@ -65,13 +66,14 @@ use crate::{SealError, SealOptions};
 /// #     Features { keypoints: keypoints.collect(), descriptors: Descriptors::new(kind, bytes).expect("rows"), global: None }
 /// # };
 ///
-/// let camera = "SIMPLE_RADIAL,640,480,525,320,240,-0.01".parse()?;
-/// let (options, mut rng) = (SealOptions::default(), device_rng()?);
+/// let camera: Intrinsics = "SIMPLE_RADIAL,640,480,525,320,240,-0.01".parse()?;
+/// let (sealer, mut rng) = (Sealer::new(&profile, SealOptions::default())?, device_rng()?);
 /// let mut session = Session::new(SessionOptions::default(), &mut rng);
 /// // Orientation of the camera relative to any frame that is fixed in the world: from gyroscope or odometry.
 /// for quaternion in [[1.0, 0.0, 0.0, 0.0], [0.995, 0.0, 0.0998, 0.0]] {
 ///     let held = Orientation::from_quaternion(quaternion).ok_or("no rotation")?;
-///     let sealed = session.seal(features(), &camera, &profile, &options, &held, &mut rng)?;
+///     let extracted = Extracted::new(features(), camera).with_orientation(held);
+///     let sealed = sealer.in_session(&mut session).seal(extracted, &mut rng)?;
 ///     assert_eq!(sealed.scheme().to_string(), "dcl");
 /// }
 /// assert_eq!((session.frames(), session.starts()), (2, 1));
@@ -105,32 +107,6 @@ impl Session {
         Self { options, key, start: None, frames: 0, starts: 0, memory: Memory::default() }
     }
 
-    /// Seals the next frame: as [`crate::seal`], with the session's layout.
-    ///
-    /// `held`: orientation of the camera. Without one, the frame continues only where recognized keypoints agree that
-    /// the camera rested or turned on the spot; otherwise it starts anew. Its gravity direction is sent
-    /// ([`SealOptions::with_gravity_of`]).
-    ///
-    /// An error leaves the session unchanged.
-    ///
-    /// # Errors
-    /// [`SealError`] as for [`crate::seal`]; [`SealError::TooManyStarts`] when the layout would have to be placed anew
-    /// once more; [`SealError::SessionScheme`] for a scheme without anchors where they must be fixed in the world;
-    /// [`SealError::SessionChanged`] for another layout or camera than in earlier frames; [`SealError::TurnedAway`]
-    /// when the layout must be placed anew and hardly any new keypoint is seen; [`SealError::NoGravity`] when anchors
-    /// are tied to gravity and the frame that starts has no gravity direction.
-    pub fn seal(
-        &mut self,
-        features: Features,
-        camera: &Intrinsics,
-        profile: &Profile,
-        options: &SealOptions,
-        held: &Orientation,
-        rng: &mut impl CryptoRng,
-    ) -> Result<SealedQuery, SealError> {
-        self.seal_and(features, (camera, profile), options, held, rng, |_| ()).map(|(query, ())| query)
-    }
-
     /// Number of sealed frames.
     pub const fn frames(&self) -> u32 {
         self.frames
@@ -149,20 +125,19 @@ impl Session {
     /// Seals, and calls `look` with the hidden values.
     pub(crate) fn seal_and<T>(
         &mut self,
-        features: Features,
-        (camera, profile): (&Intrinsics, &Profile),
-        options: &SealOptions,
-        held: &Orientation,
+        sealer: &Sealer,
+        extracted: &Extracted,
         rng: &mut impl CryptoRng,
         look: impl FnOnce(&HiddenState<'_>) -> T,
     ) -> Result<(SealedQuery, T), SealError> {
-        check(&features, profile)?;
-        let options = &options.clone().with_gravity_of(held);
-        let placement = place_layout(self, &features, camera, options, held)?;
+        let (features, camera) = (&extracted.features, &extracted.camera.intrinsics);
+        sealer.check(features)?;
+        let scheme = sealer.options().scheme();
+        let placement = place_layout(self, extracted, scheme)?;
         let cam_from_layout = placement.turn.cam_from_layout();
         let in_world = self.options.anchors != SessionAnchors::Image;
         let remembers = in_world && self.options.memory;
-        let mut history = match options.scheme() {
+        let mut history = match scheme {
             Scheme::Dcl(layout) if remembers => {
                 let pinhole = CanonicalCamera::for_intrinsics(camera)?.pinhole();
                 let pencils = pencils(layout, &pinhole, placement.turn);
@@ -193,11 +168,12 @@ impl Session {
             let rows: Vec<_> = hidden.selected.iter().zip(&hidden.positions.index).filter_map(row).collect();
             (rows, look(hidden))
         };
-        let (query, (rows, looked)) = seal_frame(&features, camera, profile, options, &rule, rng, see)?;
+        let (query, (rows, looked)) = sealer.seal_frame(extracted, &rule, rng, see)?;
         if placement.turned_away || placement.dropped.contains(&true) {
             // Not stored: the layout of such a frame would not serve the next one either.
             query.check_sides().map_err(|unbalanced| SealError::TurnedAway { few: unbalanced.few })?;
         }
+        sealer.check_sides(&query)?;
         self.frames = self.frames.saturating_add(1);
         (self.start, self.starts) = (placement.start, placement.starts);
         if remembers {

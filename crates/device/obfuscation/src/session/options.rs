@@ -6,7 +6,7 @@ use std::str::FromStr;
 /// What the anchors of a session are tied to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum SessionAnchors {
-    /// The image: every frame is sealed for itself, as [`crate::seal`] does. Two frames of one scene may reveal
+    /// The image: every frame is sealed for itself, as [`Sealer::seal`](crate::Sealer::seal) does. Two frames of one scene may reveal
     /// keypoints.
     Image,
     /// The world: the anchors stay where the first frame of the session places them.
@@ -59,7 +59,7 @@ pub struct SessionOptions {
     /// corrected.
     pub max_correction_deg: f64,
     /// Width of the cells on which angles are quantized, radians; 0 disables the grid, and angles are dithered anew in
-    /// each frame as in [`crate::seal`], so that those of a resting camera scatter. Default 0.002: coarser cells cost
+    /// each frame as in [`Sealer::seal`](crate::Sealer::seal), so that those of a resting camera scatter. Default 0.002: coarser cells cost
     /// accuracy where images are sharp (decision 0019).
     pub step: f64,
     /// Whether the device stores the sent rows, to send the same row for a keypoint that is seen again (module docs).

@@ -5,7 +5,7 @@ use veiloc_protocol::CoarseGravity;
 
 /// Orientation of the camera during a frame, as far as the device knows it. The rotation is never sent: a query contains
 /// the rotation of its layout relative to the camera, which is the difference to the session's first frame. The gravity
-/// direction is sent, rounded ([`SealOptions::with_gravity_of`](crate::SealOptions::with_gravity_of)).
+/// direction is sent, rounded ([`Extracted::with_orientation`](crate::Extracted::with_orientation)).
 ///
 /// Camera axes: `x` right, `y` down, `z` forward, of the image as its pixels are stored.
 #[derive(Clone, Copy, PartialEq, Default)]

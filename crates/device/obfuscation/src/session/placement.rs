@@ -9,7 +9,7 @@ use super::align::{estimate_rotation, refine_rotation};
 use super::memory::LandmarkMatches;
 use super::{Orientation, Session, SessionAnchors, Start};
 use crate::schemes::dcl::pencils;
-use crate::{SealError, SealOptions};
+use crate::{Extracted, SealError};
 
 /// Decisions made before a frame is sealed.
 pub(super) struct LayoutPlacement {
@@ -28,12 +28,12 @@ pub(super) struct LayoutPlacement {
 /// Rotation of the layout relative to the camera of the next frame, and the state of the session after it.
 pub(super) fn place_layout(
     session: &Session,
-    features: &Features,
-    camera: &Intrinsics,
-    options: &SealOptions,
-    held: &Orientation,
+    extracted: &Extracted,
+    scheme: Scheme,
 ) -> Result<LayoutPlacement, SealError> {
-    let (scheme, canonical) = (options.scheme(), CanonicalCamera::for_intrinsics(camera)?);
+    let Extracted { features, camera, orientation: held, .. } = extracted;
+    let camera = &camera.intrinsics;
+    let canonical = CanonicalCamera::for_intrinsics(camera)?;
     let descriptors = &features.descriptors;
     if session.memory.descriptors.as_ref().is_some_and(|known| known.kind() != descriptors.kind()) {
         return Err(SealError::SessionChanged { what: "descriptor kind" });

@@ -8,12 +8,12 @@ use super::common;
 
 use std::path::{Path, PathBuf};
 
-use common::{profile, rng};
+use common::{profile, rng, seal_with_truth};
 use image::{GrayImage, Luma};
 use rand::Rng;
-use veiloc_features::{Extractor, Extractors, Features, Limits, Sift, extract_image, guessed_camera};
+use veiloc_features::{Extractor, Extractors, Features, Image, Limits, Sift, extract_image, guessed_camera};
 use veiloc_geometry::{Intrinsics, Pixel};
-use veiloc_obfuscation::{SealOptions, extract, extract_with, seal_with_truth};
+use veiloc_obfuscation::{SealOptions, Sealer};
 use veiloc_testdata::real_data_test;
 
 /// A row as the server sees it, with the ground truth.
@@ -26,7 +26,13 @@ struct Row {
 
 /// Features as a device extracts them.
 fn shipped(path: &Path, camera: &Intrinsics) -> (Features, Intrinsics) {
-    extract(path, camera, &profile(), &SealOptions::default()).expect("extracted")
+    extracted_by(SealOptions::default(), path, camera)
+}
+
+fn extracted_by(options: SealOptions, path: &Path, camera: &Intrinsics) -> (Features, Intrinsics) {
+    let sealer = Sealer::new(&profile(), options).expect("its profile");
+    let extracted = sealer.extract(Image::open(path).expect("an image"), *camera).expect("extracted");
+    (extracted.features().clone(), extracted.camera().intrinsics)
 }
 
 /// All features of the image, without continuing it: the leak.
@@ -76,9 +82,8 @@ fn l11_other_extractors_drop_border_keypoints() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = noise(folder.path(), 640, 480);
     let camera = guessed_camera(&path).expect("an image");
-    let extractors = Extractors::default();
-    let (features, size) =
-        extract_with(&extractors, &path, &camera, &profile(), &SealOptions::default()).expect("extracted");
+    let options = SealOptions::default().with_extractors(Extractors::default());
+    let (features, size) = extracted_by(options, &path, &camera);
     let over = |features: &Features| {
         let whole = features.clone().whole((size.width, size.height), Sift::default().support_radius());
         features.keypoints.len() - whole.keypoints.len()

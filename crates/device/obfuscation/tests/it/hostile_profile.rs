@@ -3,10 +3,11 @@
 
 use super::common;
 
-use common::{camera, features_at, options, profile, random_descriptors, rng, uniform_pixels};
+use common::{camera, features_at, options, profile, random_descriptors, rng, seal, uniform_pixels};
 use veiloc_descriptor::{DescriptorKind, Descriptors, Encoding, GlobalModel, NamedGlobal, Vocabulary};
-use veiloc_features::{Image, load_gray};
-use veiloc_obfuscation::{DeviceLimits, SealError, SealOptions, extract, extract_loaded, seal};
+use veiloc_features::{GrayImage, Image};
+use veiloc_geometry::Intrinsics;
+use veiloc_obfuscation::{DeviceLimits, SealError, SealOptions, Sealer};
 use veiloc_protocol::{AngleBits, ExtractionLimits, Observations, Profile, Scheme, SealedQuery};
 
 fn sealed(profile: &Profile, options: &SealOptions, count: usize) -> Result<SealedQuery, SealError> {
@@ -67,24 +68,18 @@ fn device_bounds_keypoint_count() {
 fn device_bounds_image_side() {
     let bounded = |side| {
         let profile = profile().with_limits(limits(2048, side)).expect("allowed");
-        SealOptions::default().bounded(&profile).expect("a vocabulary of eight words").max_image_side
+        Sealer::new(&profile, SealOptions::default()).expect("eight words").limits().max_image_side
     };
     assert_eq!((bounded(8192), bounded(1600), bounded(64)), (2048, 1600, 64));
     // A side of the device's own list, not any that a profile requests (rule L6).
     assert_eq!((bounded(1599), bounded(1025), bounded(1024), bounded(143)), (1024, 1024, 1024, 64));
-    // The same through the extraction functions: an image 3000 pixels wide is scaled down before extraction.
-    let folder = tempfile::tempdir().expect("temporary folder");
-    let path = folder.path().join("wide.png");
-    image::GrayImage::from_fn(3000, 40, |x, y| image::Luma([(x * y % 251) as u8]))
-        .save(&path)
-        .expect("written");
+    // An image 3000 pixels wide is scaled down before extraction.
+    let gray = GrayImage::new(3000, 40, (0..3000 * 40).map(|i| (i % 251) as f32 / 251.0).collect());
     let huge = profile().with_limits(limits(256, 8192)).expect("allowed");
-    let wide = "SIMPLE_PINHOLE,3000,40,2000,1500,20".parse().expect("valid");
-    let (_, camera) = extract(&path, &wide, &huge, &SealOptions::default()).expect("extracted");
-    assert_eq!((camera.width, camera.height), (2048, 27));
-    // The function for images in memory applies the same limit.
-    let image = Image::from(load_gray(&path).expect("an image"));
-    let (_, camera) = extract_loaded(image, &path, &wide, &huge, &SealOptions::default()).expect("extracted");
+    let wide: Intrinsics = "SIMPLE_PINHOLE,3000,40,2000,1500,20".parse().expect("valid");
+    let sealer = Sealer::new(&huge, SealOptions::default()).expect("eight words");
+    let extracted = sealer.extract(Image::from(gray.expect("samples")), wide).expect("extracted");
+    let camera = extracted.camera().intrinsics;
     assert_eq!((camera.width, camera.height), (2048, 27));
 }
 
@@ -109,19 +104,17 @@ fn image_global_descriptor_is_rejected() {
     assert_eq!(error_text(sealed(&hostile, &SealOptions::default(), 300)), refused.to_string());
 }
 
-/// A descriptor kind without an extractor: the error lists the available kinds, before the image is read.
+/// A descriptor kind without an extractor: the error lists the available kinds.
 #[test]
 fn unknown_descriptor_kind_is_an_error() {
     let kind = DescriptorKind::new("everything", 512, Encoding::Signed, 1000).expect("a kind");
     let words = Descriptors::new(kind, vec![1; 512]).and_then(Vocabulary::new).expect("one word");
     let hostile = Profile::vlad(words);
-    let camera = camera();
-    let error = extract("no-such-file.png".as_ref(), &camera, &hostile, &SealOptions::default());
-    let text = error.expect_err("unknown").to_string();
+    let sealer = Sealer::new(&hostile, SealOptions::default()).expect("one word");
+    let gray = GrayImage::new(640, 480, vec![0.5; 640 * 480]).expect("samples");
+    let text = error_text(sealer.extract(Image::from(gray), camera()));
     assert!(text.contains("everything") && text.contains("available: sift"), "{text}");
     assert!(matches!(sealed(&hostile, &SealOptions::default(), 300), Err(SealError::Query(_))));
-    let missing = extract("no-such-file.png".as_ref(), &camera, &profile(), &SealOptions::default());
-    assert!(matches!(missing, Err(SealError::Image(_))), "{missing:?}");
 }
 
 /// Other kinds get decoys too, made of the rows that are sent and never copies; kinds with too few dimensions, and too

@@ -5,14 +5,12 @@ use super::common;
 
 use std::path::{Path, PathBuf};
 
-use common::{features_at, options, profile, rng, uniform_pixels};
+use common::{options, profile, rng, seal, seal_in};
 use image::{GrayImage, Luma};
 use veiloc_descriptor::{DescriptorKind, GlobalDescriptor, GlobalModel, NamedGlobal};
 use veiloc_features::{FeatureError, Features, GlobalExtractor, Image, Mask, SharedGlobal, load_gray};
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{
-    Orientation, SealError, SealOptions, Session, SessionOptions, extract, extract_masked, seal,
-};
+use veiloc_obfuscation::{Orientation, SealError, SealOptions, Sealer, Session, SessionOptions};
 use veiloc_protocol::{Profile, SealedQuery, SizeClass};
 
 const WIDE: u32 = 16;
@@ -66,7 +64,15 @@ fn mask() -> Mask {
     Mask::new(320, 240, |x, y| (100..180).contains(&x) && (45..165).contains(&y)).expect("a part")
 }
 
-/// Whatever a profile requests: without consent to this model nothing is extracted and nothing is sealed.
+/// Features of an image, with its global descriptor where the profile requests it.
+fn extract(image: &Path, mask: Option<&Mask>, profile: &Profile, options: &SealOptions) -> Features {
+    let image = Image::open(image).expect("written");
+    let image = mask.map_or(Ok(image.clone()), |mask| image.without(mask)).expect("of its size");
+    let sealer = Sealer::new(profile, options.clone()).expect("the owner consented");
+    sealer.extract(image, camera()).expect("extracted").features().clone()
+}
+
+/// Whatever a profile requests: without consent to this model there is no sealer.
 #[test]
 fn l14_requires_consent_to_the_model() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -79,21 +85,11 @@ fn l14_requires_consent_to_the_model() {
     let asking = thumbnail_profile();
     let refused = SealError::GlobalOfImage { name: "thumbnail".to_owned(), codes: 192 }.to_string();
     for own in &others {
-        let extracted = extract(&image, &camera(), &asking, own).expect_err("no consent");
-        assert_eq!(extracted.to_string(), refused);
-        let features = Features {
-            global: Some(GlobalDescriptor::new(vec![1; 192])),
-            ..features_at(&uniform_pixels(300, 1), 2)
-        };
-        let sealed = seal(features.clone(), &camera(), &asking, own, &mut rng(1));
-        assert_eq!(sealed.expect_err("no consent").to_string(), refused);
-        let mut session = Session::new(SessionOptions::default(), &mut rng(1));
-        let held = Orientation::unknown();
-        let sealed = session.seal(features, &camera(), &asking, own, &held, &mut rng(1));
-        assert_eq!(sealed.expect_err("no consent").to_string(), refused);
+        let sealer = Sealer::new(&asking, own.clone());
+        assert_eq!(sealer.expect_err("no consent").to_string(), refused);
     }
     let own = SealOptions::default().with_image_global(thumbnail());
-    assert!(extract(&image, &camera(), &asking, &own).is_ok(), "the owner consented");
+    assert!(extract(&image, None, &asking, &own).global.is_some(), "the owner consented");
 }
 
 /// A map that requests no global descriptor gets none: the bytes equal those without consent.
@@ -102,9 +98,9 @@ fn l14_consent_sends_only_requested_descriptors() {
     let folder = tempfile::tempdir().expect("a folder");
     let image = scene(folder.path(), 1);
     let bytes = |own: &SealOptions| {
-        let (features, seen) = extract(&image, &camera(), &profile(), own).expect("extracted");
+        let features = extract(&image, None, &profile(), own);
         assert_eq!(features.global, None);
-        seal(features, &seen, &profile(), own, &mut rng(3)).expect("sealed").encode()
+        seal(features, &camera(), &profile(), own, &mut rng(3)).expect("sealed").encode()
     };
     let plain = options("dcl");
     assert!(bytes(&plain) == bytes(&plain.clone().with_image_global(thumbnail())));
@@ -117,16 +113,16 @@ fn l14_masked_pixels_are_excluded() {
     let images = [scene(folder.path(), 1), scene(folder.path(), 3)];
     let (asking, own) = (thumbnail_profile(), options("dcl").with_image_global(thumbnail()));
     let sealed = |image: &PathBuf| {
-        let (features, seen) = extract_masked(image, &mask(), &camera(), &asking, &own).expect("extracted");
-        seal(features, &seen, &asking, &own, &mut rng(5)).expect("sealed")
+        let features = extract(image, Some(&mask()), &asking, &own);
+        seal(features, &camera(), &asking, &own, &mut rng(5)).expect("sealed")
     };
     assert!(sealed(&images[0]).encode() == sealed(&images[1]).encode());
     // The leak: a global descriptor of the whole image beside rows of the visible part.
     let leak = |image: &PathBuf| {
-        let (features, seen) = extract_masked(image, &mask(), &camera(), &asking, &own).expect("extracted");
+        let features = extract(image, Some(&mask()), &asking, &own);
         let whole = Image::from(load_gray(image).expect("written"));
         let features = Features { global: Some(thumbnail().describe(&whole).expect("made")), ..features };
-        seal(features, &seen, &asking, &own, &mut rng(5)).expect("sealed")
+        seal(features, &camera(), &asking, &own, &mut rng(5)).expect("sealed")
     };
     assert!(leak(&images[0]).encode() != leak(&images[1]).encode(), "the measure does not see the leak");
     assert!(sealed(&images[0]).global() != leak(&images[0]).global(), "the mask hides a part of it");
@@ -139,10 +135,10 @@ fn l14_steps_and_sessions_send_the_image_descriptor() {
     let folder = tempfile::tempdir().expect("a folder");
     let image = scene(folder.path(), 1);
     let (asking, own) = (thumbnail_profile(), options("dcl").with_image_global(thumbnail()));
-    let (features, seen) = extract(&image, &camera(), &asking, &own).expect("extracted");
+    let features = extract(&image, None, &asking, &own);
     let made = thumbnail().describe(&Image::from(load_gray(&image).expect("written"))).expect("made");
     assert_eq!(features.global, Some(made.clone()));
-    let query = seal(features.clone(), &seen, &asking, &own, &mut rng(7)).expect("sealed");
+    let query = seal(features.clone(), &camera(), &asking, &own, &mut rng(7)).expect("sealed");
     assert_eq!(query.global(), &made);
     let query = SealedQuery::decode(&query.encode()).expect("its own bytes");
     assert_eq!(query.global(), &made);
@@ -150,14 +146,15 @@ fn l14_steps_and_sessions_send_the_image_descriptor() {
     assert!(step.len() < query.len() && step.global() == &made);
     let mut session = Session::new(SessionOptions::default(), &mut rng(7));
     let held = Orientation::unknown();
-    let frame = session.seal(features.clone(), &seen, &asking, &own, &held, &mut rng(7)).expect("sealed");
+    let (frame, _) = seal_in(&mut session, features.clone(), &camera(), &asking, &own, &held, &mut rng(7))
+        .expect("sealed");
     assert_eq!(frame.global(), &made);
     // Features without their global descriptor are not sent with another one.
     let without = Features { global: None, ..features.clone() };
-    assert!(matches!(seal(without, &seen, &asking, &own, &mut rng(7)), Err(SealError::NoGlobal)));
+    assert!(matches!(seal(without, &camera(), &asking, &own, &mut rng(7)), Err(SealError::NoGlobal)));
     // The rows are the same for every global descriptor.
     let other = Features { global: Some(GlobalDescriptor::new(vec![9; 192])), ..features };
-    let other = seal(other, &seen, &asking, &own, &mut rng(7)).expect("sealed");
+    let other = seal(other, &camera(), &asking, &own, &mut rng(7)).expect("sealed");
     assert!(other.descriptors().as_bytes() == query.descriptors().as_bytes());
     assert!(other.global() != query.global() && other.encode().len() == query.encode().len());
 }
@@ -168,6 +165,8 @@ fn wrong_length_descriptor_is_rejected() {
     let folder = tempfile::tempdir().expect("a folder");
     let image = scene(folder.path(), 1);
     let own = options("dcl").with_image_global(SharedGlobal::new(Thumbnail("short", 10)));
-    let refused = extract(&image, &camera(), &asking("short", 10), &own).expect_err("192 and not 10");
+    let sealer = Sealer::new(&asking("short", 10), own).expect("the owner consented");
+    let image = Image::open(&image).expect("written");
+    let refused = sealer.extract(image, camera()).expect_err("192 and not 10");
     assert!(refused.to_string().contains("192 codes and not 10"), "{refused}");
 }

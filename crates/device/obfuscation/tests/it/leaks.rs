@@ -6,12 +6,15 @@ use super::common;
 use std::collections::BTreeSet;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use common::{ImageAnchors, angles, camera, correlation, features_at, options, profile, rng, uniform_pixels};
+use common::{
+    ImageAnchors, angles, camera, correlation, features_at, options, profile, rng, seal, seal_with_truth,
+    uniform_pixels,
+};
 use rand::Rng;
 use veiloc_descriptor::Descriptors;
 use veiloc_features::Features;
 use veiloc_geometry::{Anchor, Intrinsics, Pixel, PixelLine};
-use veiloc_obfuscation::{SealError, SealOptions, obfuscate_points, seal, seal_with_truth};
+use veiloc_obfuscation::{Extracted, SealError, Sealer, obfuscate_points};
 use veiloc_protocol::{
     AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Observations, Scheme, SizeClass,
 };
@@ -286,10 +289,10 @@ fn l6_camera_identifies_no_device() {
 #[test]
 fn l6_gravity_is_rounded() {
     let features = || features_at(&uniform_pixels(256, 6), 6);
-    let sealed = |options: &SealOptions| {
-        seal(features(), &camera(), &profile(), options, &mut rng(6)).expect("sealed")
-    };
-    let plain = sealed(&options("dcl"));
+    let sealer = Sealer::new(&profile(), options("dcl")).expect("its profile");
+    let extracted = |gravity| Extracted::new(features(), camera()).with_gravity(gravity);
+    let sealed = |gravity| sealer.seal(extracted(gravity), &mut rng(6)).expect("sealed");
+    let plain = sealed(None);
     assert_eq!((plain.gravity(), plain.focal_known()), (None, FocalKnowledge::Calibrated));
     let (mut sent_values, mut leak) = (BTreeSet::new(), BTreeSet::new());
     let mut rng_of_devices = rng(7);
@@ -298,7 +301,7 @@ fn l6_gravity_is_rounded() {
         let felt = [0.021 + error(), 0.981, 0.174 + error()];
         leak.insert(felt.map(f64::to_bits));
         let gravity = CoarseGravity::new(felt, 1.0).expect("a direction");
-        let query = sealed(&options("dcl").with_gravity(Some(gravity)));
+        let query = sealed(Some(gravity));
         assert_eq!(query.gravity(), Some(gravity));
         sent_values.insert(query.encode());
         assert_eq!(query.encode().len(), plain.encode().len(), "L5");
@@ -306,12 +309,13 @@ fn l6_gravity_is_rounded() {
     }
     assert_eq!(leak.len(), 300, "the measure does not see the leak");
     assert!(sent_values.len() <= 6, "{} directions for 300 devices of one model", sent_values.len());
-    let printed = format!("{:?}", options("dcl").with_gravity(plain.gravity()));
+    let gravity = CoarseGravity::new([0.1, 0.9, 0.2], 1.0).ok();
+    let printed = format!("{:?}", extracted(gravity));
     assert!(!printed.contains("0."), "L8: {printed}");
 }
 
 /// L7: two different lines for one keypoint cross in it. Within an image, features at one position share a line; a
-/// retry with the same features does not compile, because `seal` takes them by value (`compile_fail` example in its
+/// retry with the same features does not compile, because `Sealer::seal` takes them by value (`compile_fail` example in its
 /// documentation).
 #[test]
 fn l7_one_keypoint_has_one_line() {

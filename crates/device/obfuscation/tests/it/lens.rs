@@ -5,7 +5,6 @@ use super::common;
 
 use common::*;
 use veiloc_geometry::{Anchor, Intrinsics, Pixel};
-use veiloc_obfuscation::seal;
 
 /// Images of each lens.
 const IMAGES: u64 = 250;

@@ -9,9 +9,7 @@ use image::{GrayImage, Luma};
 use rand::Rng;
 use veiloc_features::{Extractor, FeatureError, Features, Image, Limits, Mask, Sift, load_gray};
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{
-    Orientation, SealError, SealOptions, Session, SessionOptions, extract, extract_masked, seal,
-};
+use veiloc_obfuscation::{Extracted, Sealer, Session, SessionOptions};
 use veiloc_protocol::{ExtractionLimits, Profile};
 use veiloc_testdata::real_data_test;
 
@@ -56,9 +54,15 @@ fn small(side: u32) -> Profile {
     profile().with_limits(ExtractionLimits { max_keypoints: 1024, max_image_side: side }).expect("allowed")
 }
 
-fn sealed(features: (Features, Intrinsics), profile: &Profile, options: &SealOptions) -> Vec<u8> {
-    let (features, camera) = features;
-    seal(features, &camera, profile, options, &mut rng(13)).expect("sealed").encode()
+fn sealer(side: u32, scheme: &str) -> Sealer {
+    Sealer::new(&small(side), options(scheme)).expect("its profile")
+}
+
+/// The features of an image, without what the mask hides.
+fn extract(sealer: &Sealer, image: &Path, mask: Option<&Mask>) -> Extracted {
+    let image = Image::open(image).expect("written");
+    let image = mask.map_or(Ok(image.clone()), |mask| image.without(mask)).expect("of its size");
+    sealer.extract(image, camera()).expect("extracted")
 }
 
 /// Two images that differ only under the mask give the same bytes: rows, order, decoys and global descriptor.
@@ -68,19 +72,17 @@ fn l13_masked_pixels_change_no_byte() {
     let images = [scene(folder.path(), 2), scene(folder.path(), 3)];
     let mask = person();
     // At full size, and scaled down first: pixels that are averaged together must be hidden together.
-    for profile in [small(640), small(300)] {
+    for side in [640, 300] {
         for scheme in SCHEMES {
-            let options = options(scheme);
-            let bytes = |image: &PathBuf| {
-                let features =
-                    extract_masked(image, &mask, &camera(), &profile, &options).expect("extracted");
-                sealed(features, &profile, &options)
-            };
+            let sealer = sealer(side, scheme);
+            let sealed = |extracted| sealer.seal(extracted, &mut rng(13)).expect("sealed").encode();
+            let bytes = |image: &PathBuf| sealed(extract(&sealer, image, Some(&mask)));
             assert!(bytes(&images[0]) == bytes(&images[1]), "{scheme}");
             // The leak: features are extracted from the whole image, and keypoints under the mask are dropped.
             let leak = |image: &PathBuf| {
-                let (mut features, small) = extract(image, &camera(), &profile, &options).expect("extracted");
-                let scale = f64::from(SIZE.0) / f64::from(small.width);
+                let extracted = extract(&sealer, image, None);
+                let (mut features, camera) = (extracted.features().clone(), *extracted.camera());
+                let scale = f64::from(SIZE.0) / f64::from(camera.intrinsics.width);
                 let shown: Vec<usize> = (0..features.keypoints.len())
                     .filter(|&i| {
                         let at = features.keypoints[i].pixel;
@@ -89,7 +91,7 @@ fn l13_masked_pixels_change_no_byte() {
                     .collect();
                 features.keypoints = shown.iter().map(|&i| features.keypoints[i]).collect();
                 features.descriptors = features.descriptors.select(shown);
-                sealed((features, small), &profile, &options)
+                sealed(Extracted::new(features, camera))
             };
             assert!(leak(&images[0]) != leak(&images[1]), "{scheme}: the measure does not see the leak");
         }
@@ -101,16 +103,14 @@ fn l13_masked_pixels_change_no_byte() {
 fn l13_session_stores_no_masked_pixels() {
     let folder = tempfile::tempdir().expect("a folder");
     let images = [scene(folder.path(), 2), scene(folder.path(), 3)];
-    let (mask, profile, options) = (person(), small(640), SealOptions::default());
+    let (mask, sealer) = (person(), sealer(640, "dcl"));
     let sealed_frames = |image: &PathBuf| {
         let mut rng = rng(13);
         let mut session = Session::new(SessionOptions::default(), &mut rng);
         let mut frames = Vec::new();
         for _ in 0..2 {
-            let (features, camera) =
-                extract_masked(image, &mask, &camera(), &profile, &options).expect("extracted");
-            let held = Orientation::unknown();
-            let query = session.seal(features, &camera, &profile, &options, &held, &mut rng).expect("sealed");
+            let extracted = extract(&sealer, image, Some(&mask));
+            let query = sealer.in_session(&mut session).seal(extracted, &mut rng).expect("sealed");
             frames.push(query.encode());
         }
         (frames, session.to_bytes())
@@ -137,11 +137,11 @@ fn looking(features: &Features, mask: &Mask) -> usize {
 #[test]
 fn l13_no_descriptor_window_touches_the_mask() {
     let folder = tempfile::tempdir().expect("a folder");
-    let (image, mask, profile) = (scene(folder.path(), 2), person(), small(640));
-    let options = SealOptions::default();
-    let (features, _) = extract_masked(&image, &mask, &camera(), &profile, &options).expect("extracted");
+    let (image, mask) = (scene(folder.path(), 2), person());
+    let extracted = extract(&sealer(640, "dcl"), &image, Some(&mask));
+    let features = extracted.features();
     assert!(features.keypoints.len() > 200, "{}", features.keypoints.len());
-    assert_eq!(looking(&features, &mask), 0);
+    assert_eq!(looking(features, &mask), 0);
     // The leak: all features of the same image.
     let filled = Image::from(load_gray(&image).expect("an image")).without(&mask).expect("of its size");
     let all = Sift::for_sealing().extract(&filled, 1024).expect("extracted");
@@ -153,8 +153,8 @@ fn mask_of_another_size_is_rejected() {
     let folder = tempfile::tempdir().expect("a folder");
     let image = scene(folder.path(), 2);
     let turned = Mask::new(480, 640, |x, _| x < 10).expect("a part of it");
-    let refused = extract_masked(&image, &turned, &camera(), &profile(), &SealOptions::default());
-    let Err(SealError::Image(error @ FeatureError::MaskSize { .. })) = refused else { panic!("{refused:?}") };
+    let refused = Image::open(&image).expect("written").without(&turned);
+    let Err(error @ FeatureError::MaskSize { .. }) = refused else { panic!("{refused:?}") };
     assert!(error.to_string().contains("480x640") && error.to_string().contains("640x480"), "{error}");
 }
 
@@ -169,8 +169,7 @@ fn unmasked_rows_equal_those_without_mask(data: &Path) {
     let masked = plain.clone().without(&mask.expect("a part of it")).expect("of its size");
     let features = |image: Image, max_keypoints: usize| {
         let limits = Limits { max_keypoints, max_side: 1600 };
-        let path = Path::new("01.jpg");
-        veiloc_features::extract_loaded(image, path, None, &Sift::for_sealing(), limits)
+        veiloc_features::extract_loaded(image, None, &Sift::for_sealing(), limits)
             .expect("extracted")
             .features
     };

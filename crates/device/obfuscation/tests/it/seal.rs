@@ -2,11 +2,13 @@
 
 use super::common;
 
-use common::{camera, features_at, options, profile, random_descriptors, rng, uniform_pixels};
+use common::{
+    camera, features_at, options, profile, random_descriptors, rng, seal, seal_with_truth, uniform_pixels,
+};
 use proptest::prelude::*;
 use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::{Intrinsics, Pixel};
-use veiloc_obfuscation::{SealError, obfuscate_points, seal, seal_with_truth};
+use veiloc_obfuscation::{SealError, obfuscate_points};
 use veiloc_protocol::{AngleBits, ExtractionLimits, Observations, QueryError, Scheme, SealedQuery};
 
 const SCHEMES: [&str; 6] =

@@ -3,12 +3,13 @@
 
 use super::common;
 
-use common::{camera, features_at, options, profile, rng, uniform_pixels};
+use common::{camera, features_at, options, profile, rng, seal, seal_in, uniform_pixels};
 use veiloc_features::Features;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{Anchor, Intrinsics, Pencils, Pixel};
 use veiloc_obfuscation::{
-    Orientation, SealError, SealOptions, SealTruth, Session, SessionAnchors, SessionOptions, seal,
+    Extracted, Orientation, SealError, SealOptions, SealTruth, Sealer, Session, SessionAnchors,
+    SessionOptions,
 };
 use veiloc_protocol::{AnchoredLine, CoarseGravity, Observations, SealedQuery};
 
@@ -73,9 +74,9 @@ fn sealed(scheme: &str, session: SessionOptions, turns: &[Rotation3<f64>], seed:
     let frame = |cam_from_world: &Rotation3<f64>| {
         let (features, numbers) = seen(cam_from_world);
         let held = held(*cam_from_world);
-        let (query, truth) = session
-            .seal_with_truth(features, &camera(), &profile, &options(scheme), &held, &mut rng)
-            .expect("it can be sealed");
+        let (query, truth) =
+            seal_in(&mut session, features, &camera(), &profile, &options(scheme), &held, &mut rng)
+                .expect("it can be sealed");
         let numbers = truth.source.iter().map(|source| source.map(|s| numbers[s])).collect();
         Frame { query, truth, numbers }
     };
@@ -185,8 +186,9 @@ fn image_anchors_are_sealed_as_single_frames() {
     let (profile, seal_options) = (profile(), SealOptions::default());
     let features = || seen(&turns()[0]).0;
     let held = held(turns()[0]);
-    let of_session =
-        session.seal(features(), &camera(), &profile, &seal_options, &held, &mut own).expect("a query");
+    let (of_session, _) =
+        seal_in(&mut session, features(), &camera(), &profile, &seal_options, &held, &mut own)
+            .expect("a query");
     let alone = seal(features(), &camera(), &profile, &seal_options, &mut single).expect("a query");
     assert_eq!(of_session.encode(), alone.encode());
 }
@@ -196,17 +198,19 @@ fn gravity_of_the_orientation_is_sent_unless_it_is_switched_off_or_given() {
     let turn = turns()[0];
     let down = [0.1, 0.97, 0.2];
     let upright = held(turn).with_down(down).expect("a direction");
-    let sent = |options: &SealOptions, held: &Orientation| {
+    let sent = |options: &SealOptions, held: &Orientation, given| {
         let mut session = Session::new(SessionOptions::default(), &mut rng(7));
-        let query = session.seal(seen(&turn).0, &camera(), &profile(), options, held, &mut rng(8));
-        query.expect("a query").gravity()
+        let extracted = Extracted::new(seen(&turn).0, camera()).with_orientation(*held).with_gravity(given);
+        let sealer = Sealer::new(&profile(), options.clone()).expect("its profile");
+        let query = sealer.in_session(&mut session).seal(extracted, &mut rng(8)).expect("a query");
+        query.gravity()
     };
     let options = SealOptions::default();
-    assert_eq!(sent(&options, &upright), CoarseGravity::new(down, 0.5).ok());
-    assert_eq!(sent(&options, &held(turn)), None);
-    assert_eq!(sent(&options.clone().without_gravity(), &upright), None);
+    assert_eq!(sent(&options, &upright, None), CoarseGravity::new(down, 0.5).ok());
+    assert_eq!(sent(&options, &held(turn), None), None);
     let given = CoarseGravity::new([0.0, 1.0, 0.0], 2.0).ok();
-    assert_eq!(sent(&options.with_gravity(given), &upright), given);
+    assert_eq!(sent(&options, &upright, given), given);
+    assert_eq!(sent(&options.without_gravity(), &upright, given), None);
 }
 
 #[test]
@@ -219,8 +223,9 @@ fn gravity_anchor_is_vertical_for_all_views() {
         let down: [f64; 3] = (turn * Vector3::y()).into();
         let given = held(turn).with_down(down).expect("a direction");
         let scheme = common::options("dcl:axis=90:sectors=16:anchors=@90+@0");
-        let query =
-            session.seal(seen(&turn).0, &camera(), &profile(), &scheme, &given, &mut rng).expect("a query");
+        let (query, _) =
+            seal_in(&mut session, seen(&turn).0, &camera(), &profile(), &scheme, &given, &mut rng)
+                .expect("a query");
         let (pencils, _) = lines(&query);
         let vertical = turn.inverse() * pencils.frame(Anchor::FIRST)[0];
         let across = turn.inverse() * pencils.frame(Anchor::SECOND)[0];
@@ -237,7 +242,8 @@ fn attempt(
     scheme: &str,
     held: &Orientation,
 ) -> Result<SealedQuery, SealError> {
-    session.seal(seen(&turns()[0]).0, camera, &profile(), &options(scheme), held, &mut rng(9))
+    seal_in(session, seen(&turns()[0]).0, camera, &profile(), &options(scheme), held, &mut rng(9))
+        .map(|(query, _)| query)
 }
 
 #[test]
@@ -261,7 +267,8 @@ fn starts_per_scene_are_limited() {
     let mut session = Session::new(SessionOptions::default(), &mut rng(8));
     let (profile, mut rng) = (profile(), rng(9));
     let mut frame = |features| {
-        session.seal(features, &camera(), &profile, &SealOptions::default(), &unknown, &mut rng).map(|_| ())
+        seal_in(&mut session, features, &camera(), &profile, &SealOptions::default(), &unknown, &mut rng)
+            .map(|_| ())
     };
     let moved = |by: f64| {
         let mut features = features_at(&uniform_pixels(400, 4), 11);
@@ -285,9 +292,16 @@ fn rotation_is_estimated_without_gyroscope() {
     for (k, turn) in turns().iter().enumerate() {
         // The second frame gives its orientation, which allows comparison with later ones.
         let given = if k == 1 { held(*turn) } else { Orientation::unknown() };
-        let query = session
-            .seal(seen(turn).0, &camera(), &profile, &SealOptions::default(), &given, &mut rng)
-            .expect("a query");
+        let (query, _) = seal_in(
+            &mut session,
+            seen(turn).0,
+            &camera(),
+            &profile,
+            &SealOptions::default(),
+            &given,
+            &mut rng,
+        )
+        .expect("a query");
         directions.push(turn.inverse() * lines(&query).0.frame(Anchor::FIRST)[0]);
     }
     assert_eq!((session.frames(), session.starts()), (4, 1));
@@ -304,9 +318,16 @@ fn gyroscope_error_is_corrected_by_recognized_keypoints() {
         let [first, later] = [turns()[0], turns()[1]];
         let error = Rotation3::from_euler_angles(0.0, 0.3_f64.to_radians(), 0.0);
         let mut seal = |turn: &Rotation3<f64>, given: Rotation3<f64>| {
-            let query = session
-                .seal(seen(turn).0, &camera(), &profile, &SealOptions::default(), &held(given), &mut rng)
-                .expect("a query");
+            let (query, _) = seal_in(
+                &mut session,
+                seen(turn).0,
+                &camera(),
+                &profile,
+                &SealOptions::default(),
+                &held(given),
+                &mut rng,
+            )
+            .expect("a query");
             turn.inverse() * lines(&query).0.frame(Anchor::FIRST)[0]
         };
         seal(&first, first).angle(&seal(&later, error * later)).to_degrees()
@@ -353,7 +374,7 @@ fn large_rotation_starts_anew_without_repeated_keypoints() {
         };
         let options = options("dcl:paper");
         let before = session.clone();
-        let sealed = session.seal_with_truth(features, &camera(), &profile, &options, &held(turn), &mut rng);
+        let sealed = seal_in(&mut session, features, &camera(), &profile, &options, &held(turn), &mut rng);
         let (query, truth) = match sealed {
             Ok(sealed) => sealed,
             Err(error) => {
@@ -382,9 +403,9 @@ fn similar_descriptors_of_another_scene_are_not_dropped() {
     for seed in 0..4 {
         // All of one distribution, without duplicates.
         let features = features_at(&uniform_pixels(600, 30 + seed), 40 + seed);
-        let (_, truth) = session
-            .seal_with_truth(features, &camera(), &profile, &options(STRIPES), &held, &mut rng)
-            .expect("a query");
+        let (_, truth) =
+            seal_in(&mut session, features, &camera(), &profile, &options(STRIPES), &held, &mut rng)
+                .expect("a query");
         sent.push(truth.source.iter().flatten().count());
     }
     assert_eq!(sent, [512; 4]);
@@ -411,9 +432,9 @@ fn detector_noise_repeats_rows_and_side_changes_are_dropped() {
                 keypoint.pixel = Pixel::new(keypoint.pixel.u + du, keypoint.pixel.v + dv);
             }
             let held = held(turns()[0]);
-            let (query, truth) = session
-                .seal_with_truth(features, &camera(), &profile, &options(scheme), &held, &mut rng)
-                .expect("a query");
+            let (query, truth) =
+                seal_in(&mut session, features, &camera(), &profile, &options(scheme), &held, &mut rng)
+                    .expect("a query");
             let (_, lines) = lines(&query);
             for (source, line) in truth.source.iter().zip(lines) {
                 let Some(source) = source else { continue };

@@ -2,7 +2,7 @@
 
 use super::common;
 
-use common::{camera, features_at, options, profile, rng, uniform_pixels};
+use common::{camera, features_at, options, profile, rng, seal_in, uniform_pixels};
 use veiloc_geometry::nalgebra::Rotation3;
 use veiloc_obfuscation::{Orientation, SealError, Session, SessionAnchors, SessionOptions};
 
@@ -23,9 +23,9 @@ fn next(session: &mut Session, scheme: &str) -> Vec<u8> {
     let held = held.with_down([0.1, 1.0, 0.0]).expect("a direction");
     let features = features_at(&uniform_pixels(500, 1), 2);
     let mut rng = rng(17);
-    session
-        .seal(features, &camera(), &profile(), &options(scheme), &held, &mut rng)
+    seal_in(session, features, &camera(), &profile(), &options(scheme), &held, &mut rng)
         .expect("a query")
+        .0
         .encode()
 }
 
@@ -88,8 +88,15 @@ fn invalid_fields_with_valid_checksum_are_rejected() {
                 Ok(mut session) => {
                     let held = Orientation::unknown();
                     let features = features_at(&uniform_pixels(400, 1), 2);
-                    let _ =
-                        session.seal(features, &camera(), &profile(), &options(STRIPES), &held, &mut rng(1));
+                    let _ = seal_in(
+                        &mut session,
+                        features,
+                        &camera(),
+                        &profile(),
+                        &options(STRIPES),
+                        &held,
+                        &mut rng(1),
+                    );
                     let _ = session.to_bytes();
                 }
             }

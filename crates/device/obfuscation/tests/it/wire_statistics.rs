@@ -6,10 +6,12 @@
 
 use super::common;
 
-use common::{ImageAnchors, camera, correlation, features_at, options, profile, rng, uniform_pixels};
+use common::{
+    ImageAnchors, camera, correlation, features_at, options, profile, rng, seal_with_truth, uniform_pixels,
+};
 use rand::Rng;
 use veiloc_geometry::{Anchor, Pixel};
-use veiloc_obfuscation::{SealTruth, seal_with_truth};
+use veiloc_obfuscation::SealTruth;
 use veiloc_protocol::{Observations, SealedQuery};
 
 const ROWS: usize = 256;

@@ -1,26 +1,26 @@
 //! The device: sealing of a query, with its ground truth for the evaluation.
 
+use std::path::Path;
+
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use veiloc_datasets::problem_files::seed_for;
-use veiloc_features::{Extractors, Features, SharedGlobal};
-use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::audit::{SealTruth, seal_with_truth};
-use veiloc_obfuscation::{SealError, SealOptions};
-use veiloc_protocol::Profile;
+use veiloc_features::{Image, load_mask};
+use veiloc_obfuscation::audit::SealTruth;
+use veiloc_obfuscation::{Extracted, SealError, Sealer};
 
-/// Adds the extractors of the map, and the extractor of global image descriptors if the map uses them (the owner's
-/// consent is implied).
-pub(crate) fn with_extractors(
-    options: SealOptions,
-    extractors: &Extractors,
-    global: Option<&SharedGlobal>,
-) -> SealOptions {
-    let options = options.with_extractors(extractors.sealing());
-    match global {
-        Some(global) => options.with_image_global(global.clone()),
-        None => options,
-    }
+use crate::error::EvalError;
+
+/// An image, without what its mask hides.
+///
+/// # Errors
+/// [`EvalError`] when the image or its mask cannot be used.
+pub(crate) fn image_of(path: &Path, mask: Option<&Path>) -> Result<Image, EvalError> {
+    let image = Image::open(path)?;
+    Ok(match mask {
+        Some(mask) => image.without(&load_mask(mask)?)?,
+        None => image,
+    })
 }
 
 /// A sealed query.
@@ -36,14 +36,13 @@ pub(crate) struct SealedBytes {
 /// A device uses random numbers of the operating system; here they must be reproducible, so they are seeded with the
 /// seed, the query's name and the scheme.
 pub(crate) fn seal_query(
-    features: &Features,
-    camera: &Intrinsics,
-    profile: &Profile,
-    options: &SealOptions,
+    sealer: &Sealer,
+    extracted: Extracted,
     name: &str,
     seed: u64,
 ) -> Result<SealedBytes, SealError> {
-    let mut rng = ChaCha20Rng::seed_from_u64(seed_for(seed, &[name, &options.scheme().to_string()]));
-    let (sealed, truth) = seal_with_truth(features.clone(), camera, profile, options, &mut rng)?;
+    let scheme = sealer.options().scheme().to_string();
+    let mut rng = ChaCha20Rng::seed_from_u64(seed_for(seed, &[name, &scheme]));
+    let (sealed, truth) = sealer.seal_with_truth(extracted, &mut rng)?;
     Ok(SealedBytes { bytes: sealed.encode(), truth })
 }

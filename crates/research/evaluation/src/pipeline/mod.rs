@@ -3,7 +3,6 @@
 
 mod device;
 mod evaluate_query;
-mod extract_features;
 mod posed_query;
 mod progressive;
 mod scene_map;
@@ -11,10 +10,9 @@ mod served_map;
 mod server;
 mod simulated_gravity;
 
-pub(crate) use device::{SealedBytes, seal_query, with_extractors};
+pub(crate) use device::{SealedBytes, image_of, seal_query};
 pub use evaluate_query::localize_one;
 pub(crate) use evaluate_query::localize_sent;
-pub(crate) use extract_features::extract_features;
 pub use posed_query::{EvaluatedQuery, PosedQuery, posed_queries, queries_of_scene};
 pub use progressive::QueryTransmission;
 pub use scene_map::SceneMap;

@@ -8,12 +8,12 @@ use veiloc_geometry::{Intrinsics, Pixel};
 use veiloc_localization::{Localization, localize};
 use veiloc_map::MapFile;
 use veiloc_mapping::image_file;
-use veiloc_obfuscation::audit::options_for;
+use veiloc_obfuscation::Extracted;
 use veiloc_protocol::{Scheme, SealedQuery};
 
 use super::options::SceneEvaluation;
 use crate::error::EvalError;
-use crate::pipeline::{extract_features, seal_query, with_extractors};
+use crate::pipeline::{image_of, seal_query};
 
 /// One query with all its sent data.
 #[derive(Debug, Clone)]
@@ -81,22 +81,19 @@ fn drawn_query(
     name: &str,
     camera: Intrinsics,
 ) -> Result<DrawnQuery, EvalError> {
-    let profile = map.profile();
-    let seal_options = |scheme| {
-        with_extractors(options_for(scheme), &evaluation.build.extractors, evaluation.build.global.as_ref())
-    };
     let path = image_file(&evaluation.images, name);
-    let extraction = seal_options(Scheme::default());
-    let mask = evaluation.mask_of(name);
-    let (features, used) = extract_features(&path, mask.as_deref(), &camera, profile, &extraction)?;
+    let image = image_of(&path, evaluation.mask_of(name).as_deref())?;
+    let extracted = evaluation.sealer(map.profile(), Scheme::default())?.extract(image, camera)?;
+    let (features, camera) = (extracted.features(), extracted.camera().intrinsics);
     let mut sent = Vec::new();
     for scheme in &evaluation.schemes {
-        let sealed = seal_query(&features, &used, profile, &seal_options(*scheme), name, evaluation.seed);
+        let sealer = evaluation.sealer(map.profile(), *scheme)?;
+        let sealed = seal_query(&sealer, Extracted::new(features.clone(), camera), name, evaluation.seed);
         let query = sealed.ok().and_then(|sealed| SealedQuery::decode(&sealed.bytes).ok());
         let Some(query) = query else { continue };
         let found = localize(&query, map, evaluation.localize()).ok();
         sent.push(DrawnScheme { scheme: *scheme, query, found });
     }
     let keypoints = features.keypoints.iter().map(|keypoint| keypoint.pixel).collect();
-    Ok(DrawnQuery { name: name.to_owned(), path, camera: used, keypoints, sent })
+    Ok(DrawnQuery { name: name.to_owned(), path, camera, keypoints, sent })
 }

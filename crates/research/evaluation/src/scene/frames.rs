@@ -13,13 +13,14 @@ use veiloc_features::Progress;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_localization::localize_rig;
 use veiloc_map::MapFile;
+use veiloc_obfuscation::Extracted;
 use veiloc_pose::ScoreKind;
 use veiloc_protocol::{Scheme, SealedFrame, SealedQuery};
 
 use super::case::{Case, Maps};
 use super::condition::Condition;
 use super::each;
-use super::one_query::{extracted, seal_options};
+use super::one_query::{extracted, sealer_of};
 use super::options::SceneEvaluation;
 use super::sequence::{odometry, sequence_of};
 use crate::error::EvalError;
@@ -99,8 +100,9 @@ fn seal(
     // One device took all images, so the error of its camera is the same for all.
     let camera = case.assumed_camera(&shown.camera, "the device", evaluation.seed)?;
     let sealed = |scheme: &Scheme| {
-        let options = seal_options(case, *scheme, evaluation);
-        let sent = seal_query(&shown.features, &camera, profile, &options, &query.name, evaluation.seed);
+        let extracted = Extracted::new(shown.features.clone(), camera);
+        let sent = sealer_of(profile, case, *scheme, evaluation)
+            .and_then(|sealer| seal_query(&sealer, extracted, &query.name, evaluation.seed));
         SealedQuery::decode(&sent.map_err(|e| e.to_string())?.bytes).map_err(|e| e.to_string())
     };
     Ok(evaluation.schemes.iter().map(sealed).collect())

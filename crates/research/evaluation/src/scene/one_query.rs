@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use veiloc_features::{Features, Image, load_gray, load_mask};
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{SealOptions, extract_loaded};
+use veiloc_obfuscation::{Extracted, KnownCamera, SealError, Sealer};
 use veiloc_pose::State;
 use veiloc_protocol::{Profile, Scheme, SizeClass};
 
@@ -28,7 +28,7 @@ fn is_lost(result: &QueryResult, evaluation: &SceneEvaluation) -> bool {
 }
 
 /// What a device extracts from an image.
-pub(super) struct Extracted {
+pub(super) struct ExtractedQuery {
     pub(super) features: Features,
     /// The camera of the image.
     pub(super) camera: Intrinsics,
@@ -43,7 +43,7 @@ pub(super) fn extracted(
     mask: Option<&Path>,
     profile: &Profile,
     evaluation: &SceneEvaluation,
-) -> Result<Extracted, EvalError> {
+) -> Result<ExtractedQuery, EvalError> {
     let started = Instant::now();
     let gray = load_gray(&query.path)?;
     let loading = started.elapsed();
@@ -56,19 +56,23 @@ pub(super) fn extracted(
         Some(mask) => Image::from(gray).without(&load_mask(mask)?)?,
         None => Image::from(gray),
     };
-    let options = evaluation.seal_options(Scheme::default());
-    let (features, camera) = extract_loaded(image, &query.path, &query.camera, profile, &options)?;
-    Ok(Extracted { features, camera, ms: (loading + started.elapsed()).as_secs_f64() * 1e3 })
+    let sealer = evaluation.sealer(profile, Scheme::default())?;
+    let extracted = sealer.extract(image.named(&query.path), query.camera)?;
+    let (features, camera) = (extracted.features().clone(), extracted.camera().intrinsics);
+    Ok(ExtractedQuery { features, camera, ms: (loading + started.elapsed()).as_secs_f64() * 1e3 })
 }
 
-/// The device's sealing options under a condition, without gravity.
-pub(super) fn seal_options(case: &Case, scheme: Scheme, evaluation: &SceneEvaluation) -> SealOptions {
+/// The device's sealer under a condition.
+pub(super) fn sealer_of(
+    profile: &Profile,
+    case: &Case,
+    scheme: Scheme,
+    evaluation: &SceneEvaluation,
+) -> Result<Sealer, SealError> {
     let options = evaluation.seal_options(scheme);
-    if case.condition.few_keypoints {
-        options.with_max_keypoints(SizeClass::SMALLEST.rows())
-    } else {
-        options
-    }
+    let few = case.condition.few_keypoints;
+    let options = if few { options.with_max_keypoints(SizeClass::SMALLEST.rows()) } else { options };
+    Sealer::new(profile, options)
 }
 
 /// The results of a query, in the order of the table's rows of each condition.
@@ -79,7 +83,7 @@ pub(super) fn localize_query(
     evaluation: &SceneEvaluation,
 ) -> Result<Vec<Vec<QueryResult>>, EvalError> {
     // Conditions that do not change the image share its features: all maps have the same profile.
-    let mut known: BTreeMap<Option<Degradation>, Extracted> = BTreeMap::new();
+    let mut known: BTreeMap<Option<Degradation>, ExtractedQuery> = BTreeMap::new();
     let mut results = Vec::new();
     for case in cases {
         let mask = evaluation.mask_of(&query.name).filter(|_| !case.condition.negatives);
@@ -100,20 +104,20 @@ fn localize_under(
     maps: &Maps<'_>,
     query: &EvaluatedQuery,
     case: &Case,
-    extracted: &Extracted,
+    extracted: &ExtractedQuery,
     evaluation: &SceneEvaluation,
 ) -> Result<Vec<QueryResult>, EvalError> {
     let served = maps.under(&case.condition);
     let profile = served.whole().profile();
-    let camera = case.assumed_camera(&extracted.camera, &query.name, evaluation.seed)?;
+    let intrinsics = case.assumed_camera(&extracted.camera, &query.name, evaluation.seed)?;
+    let camera = KnownCamera { intrinsics, focal: query.focal };
     let mut results = Vec::new();
     for scheme in &evaluation.schemes {
         let started = Instant::now();
-        let options = seal_options(case, *scheme, evaluation)
-            .with_focal(query.focal)
+        let features = Extracted::new(extracted.features.clone(), camera)
             .with_gravity(case.gravity_of(query, evaluation.seed));
-        let sealed =
-            seal_query(&extracted.features, &camera, profile, &options, &query.name, evaluation.seed);
+        let sealed = sealer_of(profile, case, *scheme, evaluation)
+            .and_then(|sealer| seal_query(&sealer, features, &query.name, evaluation.seed));
         let seal_ms = started.elapsed().as_secs_f64() * 1e3;
         let mut of_scheme = Vec::new();
         for estimator in &evaluation.estimators {

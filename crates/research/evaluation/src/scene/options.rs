@@ -10,13 +10,13 @@ use veiloc_map::PosedImages;
 use veiloc_map::regions::SplitOptions;
 use veiloc_mapping::{BuildOptions, Input, OnOtherFrame, image_file, mask_file};
 use veiloc_obfuscation::audit::options_for;
-use veiloc_obfuscation::{KnownCamera, SealOptions};
+use veiloc_obfuscation::{KnownCamera, SealError, SealOptions, Sealer};
 use veiloc_pose::ScoreKind;
-use veiloc_protocol::{FocalKnowledge, Scheme};
+use veiloc_protocol::{FocalKnowledge, Profile, Scheme};
 
 use super::condition::Condition;
 use crate::error::EvalError;
-use crate::pipeline::{EvaluatedQuery, PosedQuery, QueryTransmission, queries_of_scene, with_extractors};
+use crate::pipeline::{EvaluatedQuery, PosedQuery, QueryTransmission, queries_of_scene};
 use crate::pose::Estimator;
 use crate::results::metrics::Threshold;
 
@@ -147,8 +147,20 @@ impl SceneEvaluation {
     }
 
     /// The options with which a device seals under a scheme.
+    ///
+    /// They have the extractors of the map, and the extractor of global image descriptors if the map uses them (the
+    /// owner's consent is implied).
     pub(super) fn seal_options(&self, scheme: Scheme) -> SealOptions {
-        with_extractors(options_for(scheme), &self.build.extractors, self.build.global.as_ref())
+        let options = options_for(scheme).with_extractors(self.build.extractors.sealing());
+        match &self.build.global {
+            Some(global) => options.with_image_global(global.clone()),
+            None => options,
+        }
+    }
+
+    /// A device that seals under a scheme.
+    pub(crate) fn sealer(&self, profile: &Profile, scheme: Scheme) -> Result<Sealer, SealError> {
+        Sealer::new(profile, self.seal_options(scheme))
     }
 
     /// Refuses options that exclude each other, before anything is computed.

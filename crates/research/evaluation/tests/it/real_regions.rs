@@ -7,11 +7,12 @@ use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng as _;
 use veiloc_evaluation::results::EvaluationDocument;
 use veiloc_evaluation::{SceneEvaluation, evaluate_scene};
+use veiloc_features::Image;
 use veiloc_localization::{Localization, LocalizeOptions, localize};
 use veiloc_map::colmap::read_posed;
 use veiloc_map::regions::{FolderWriter, RegionFolder, SplitOptions, cut};
 use veiloc_map::{MapFile, MapMemory};
-use veiloc_obfuscation::{SealOptions, extract, seal};
+use veiloc_obfuscation::{SealOptions, Sealer};
 use veiloc_protocol::Scheme;
 use veiloc_testdata::real_data_test;
 
@@ -103,11 +104,10 @@ fn region_with_all_retrieved_images_gives_equal_pose(data: &Path, work: &Path) {
                 Scheme::Points => SealOptions::unprotected_points(),
                 _ => SealOptions::default(),
             };
-            let (features, camera) =
-                extract(&place.join("images").join(name), &camera, whole.profile(), &sealing)
-                    .expect("features");
-            let mut rng = ChaCha20Rng::seed_from_u64(7);
-            let query = seal(features, &camera, whole.profile(), &sealing, &mut rng).expect("sealed");
+            let sealer = Sealer::new(whole.profile(), sealing).expect("its profile");
+            let image = Image::open(&place.join("images").join(name)).expect("an image");
+            let extracted = sealer.extract(image, camera).expect("features");
+            let query = sealer.seal(extracted, &mut ChaCha20Rng::seed_from_u64(7)).expect("sealed");
             let Ok(of_whole) = localize(&query, &whole, &options) else { continue };
             let retrieved = names_in(&whole, &of_whole);
             for region in &regions {

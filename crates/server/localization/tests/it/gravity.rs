@@ -3,7 +3,7 @@
 
 use super::common;
 
-use common::{open, options};
+use common::{open, sealer};
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use veiloc_features::Features;
@@ -11,7 +11,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Rotation3, Unit, Vector3};
 use veiloc_localization::{Localization, LocalizeOptions, localize};
 use veiloc_map::{GravityDirection, MapFile, MapModel};
-use veiloc_obfuscation::seal;
+use veiloc_obfuscation::Extracted;
 use veiloc_pose::State;
 use veiloc_protocol::{CoarseGravity, GravityUse, SealedQuery};
 use veiloc_testing::pose_in_scene;
@@ -39,9 +39,9 @@ fn measured(truth: &CameraFromWorld, degrees: f64, sd_deg: f64) -> CoarseGravity
 
 fn sealed(scheme: &str, features: Features, gravity: Option<CoarseGravity>) -> SealedQuery {
     let scene = common::random_scene(1);
-    let options = options(scheme).with_gravity(gravity);
+    let extracted = Extracted::new(features, scene.camera).with_gravity(gravity);
     let mut rng = ChaCha20Rng::seed_from_u64(3);
-    let query = seal(features, &scene.camera, &scene.profile, &options, &mut rng).expect("sealed");
+    let query = sealer(&scene, scheme).seal(extracted, &mut rng).expect("sealed");
     SealedQuery::decode(&query.encode()).expect("decodes")
 }
 

@@ -2,15 +2,13 @@
 
 use super::common;
 
-use common::{open, options};
+use common::{open, seal};
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_localization::retrieval::{retrieve, retrieve_with_other_places};
 use veiloc_localization::{LocalizeOptions, localize};
-use veiloc_obfuscation::seal;
 use veiloc_pose::State;
-use veiloc_protocol::SealedQuery;
 use veiloc_testing::{pose_in_scene, with_copy};
 
 /// Position of the copy relative to the original, map units.
@@ -27,8 +25,7 @@ fn images_of_a_place_that_looks_alike_are_retrieved_and_make_the_pose_doubtful()
     settings.retrieve = 4;
     for scheme in ["points", "random-lines", "dcl"] {
         let rng = &mut ChaCha20Rng::seed_from_u64(3);
-        let sealed = seal(scene.features(&truth), &scene.camera, &scene.profile, &options(scheme), rng);
-        let query: SealedQuery = sealed.expect("sealed");
+        let query = seal(&scene, scene.features(&truth), scheme, rng);
         let found = localize(&query, &open(&plain), &settings).expect("localized");
         assert_eq!(
             (found.state, found.retrieved.len()),

@@ -2,13 +2,12 @@
 
 use super::common;
 
-use common::{open, options};
+use common::{open, seal};
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use veiloc_geometry::Rigid3;
 use veiloc_localization::{LocalizeError, LocalizeOptions, localize, localize_rig};
 use veiloc_map::{BuildSettings, MapModel, MapPoint};
-use veiloc_obfuscation::{SealOptions, seal};
 use veiloc_protocol::{SealedFrame, SealedQuery};
 use veiloc_testing::pose_in_scene;
 
@@ -21,9 +20,9 @@ fn sessions_are_localized_and_invalid_ones_refused() {
     let sealed = |scheme: &str, k: u64| {
         let cam = pose_in_scene(0.13 - 0.1 * k as f64, 0.2 + 0.15 * k as f64);
         let mut rng = ChaCha20Rng::seed_from_u64(30 + k);
-        let query = seal(scene.features(&cam), &scene.camera, &scene.profile, &options(scheme), &mut rng);
+        let query = seal(&scene, scene.features(&cam), scheme, &mut rng);
         SealedFrame {
-            query: query.expect("sealed"),
+            query,
             cam_from_rig: Rigid3::new(
                 cam.rotation() * truth.rotation().inverse(),
                 cam.translation() - cam.rotation() * truth.rotation().inverse() * truth.translation(),
@@ -64,9 +63,7 @@ fn every_scheme_localizes() {
         ("coordinate-permutation", 0.05),
     ] {
         let mut rng = ChaCha20Rng::seed_from_u64(3);
-        let options = options(scheme);
-        let sealed =
-            seal(scene.features(&truth), &scene.camera, &scene.profile, &options, &mut rng).expect("sealed");
+        let sealed = seal(&scene, scene.features(&truth), scheme, &mut rng);
         let received = SealedQuery::decode(&sealed.encode()).expect("decodes");
         let found = localize(&received, &map, &LocalizeOptions::default()).expect("localized");
         let error = found.cam_from_world.translation_error(&truth);
@@ -96,16 +93,8 @@ fn rows_with_several_points_are_counted_once() {
         .collect();
     halves.link_keypoints();
     for scheme in ["points", "coordinate-permutation", "dcl"] {
-        let options = options(scheme);
         let mut rng = ChaCha20Rng::seed_from_u64(3);
-        let sealed = seal(
-            scene.features(&pose_in_scene(0.13, 0.2)),
-            &scene.camera,
-            &scene.profile,
-            &options,
-            &mut rng,
-        )
-        .expect("sealed");
+        let sealed = seal(&scene, scene.features(&pose_in_scene(0.13, 0.2)), scheme, &mut rng);
         let [once, twice] = [&whole, &halves]
             .map(|map| localize(&sealed, &open(map), &LocalizeOptions::default()).expect("localized"));
         assert!(once.inliers <= once.matches && once.matches <= once.pairs, "{scheme}");
@@ -124,14 +113,7 @@ fn query_for_another_map_is_refused() {
     let (scene, other) = (common::random_scene(1), common::random_scene(2));
     let map = open(&scene.map(8));
     let mut rng = ChaCha20Rng::seed_from_u64(3);
-    let sealed = seal(
-        other.features(&pose_in_scene(0.0, 0.0)),
-        &other.camera,
-        &other.profile,
-        &SealOptions::default(),
-        &mut rng,
-    )
-    .expect("sealed");
+    let sealed = seal(&other, other.features(&pose_in_scene(0.0, 0.0)), "dcl", &mut rng);
     let refused = localize(&sealed, &map, &LocalizeOptions::default()).expect_err("another profile");
     assert!(matches!(refused, LocalizeError::WrongProfile { .. }), "{refused}");
     assert!(refused.to_string().contains("veiloc map profile"), "{refused}");
@@ -145,9 +127,7 @@ fn out_of_map_query_is_not_localized() {
     let mut negative = common::random_scene(2);
     negative.profile = scene.profile.clone();
     let mut rng = ChaCha20Rng::seed_from_u64(3);
-    let options = SealOptions::unprotected_points();
-    let query = negative.features(&pose_in_scene(0.0, 0.0));
-    let sealed = seal(query, &negative.camera, &scene.profile, &options, &mut rng).expect("sealed");
+    let sealed = seal(&scene, negative.features(&pose_in_scene(0.0, 0.0)), "points", &mut rng);
     let lost = localize(&sealed, &map, &LocalizeOptions::default()).expect_err("nothing agrees");
     assert!(matches!(lost, LocalizeError::NoPose { .. }), "{lost}");
 }
@@ -157,14 +137,7 @@ fn empty_map_is_reported() {
     let scene = common::random_scene(1);
     let map = open(&MapModel::empty(scene.profile.clone(), BuildSettings::default()));
     let mut rng = ChaCha20Rng::seed_from_u64(3);
-    let sealed = seal(
-        scene.features(&pose_in_scene(0.0, 0.0)),
-        &scene.camera,
-        &scene.profile,
-        &SealOptions::default(),
-        &mut rng,
-    )
-    .expect("sealed");
+    let sealed = seal(&scene, scene.features(&pose_in_scene(0.0, 0.0)), "dcl", &mut rng);
     let refused = localize(&sealed, &map, &LocalizeOptions::default()).expect_err("nothing to find");
     assert!(matches!(refused, LocalizeError::EmptyMap), "{refused}");
 }

@@ -2,7 +2,7 @@
 
 use veiloc_features::SharedGlobal;
 use veiloc_features::learned::Models;
-use veiloc_obfuscation::SealOptions;
+use veiloc_obfuscation::{SealError, SealOptions, Sealer};
 use veiloc_protocol::Profile;
 
 use crate::output::exit::Failure;
@@ -60,33 +60,24 @@ pub(crate) struct ConsentArgs {
 }
 
 impl ConsentArgs {
-    /// Adds the owner's consent to the options if it was given and the map requests the descriptor, and prints what is
-    /// sent in addition.
+    /// Returns the sealer for a map, with the owner's consent if it was given and the map requests the descriptor, and
+    /// prints what is sent in addition.
     ///
     /// # Errors
     /// The map requests a descriptor without consent, or the model cannot be used.
-    pub(crate) fn with_consent(
+    pub(crate) fn sealer(
         &self,
         options: SealOptions,
         models: &Models,
         profile: &Profile,
         ui: &Ui,
-    ) -> Result<SealOptions, Failure> {
+    ) -> Result<Sealer, Failure> {
         let (requested, of_rows) = (profile.global_model().name(), profile.vocabulary().is_some());
-        match &self.image_global {
-            None => {
-                options.image_global(profile).map_err(|refused| {
-                    let help = format!(
-                        "to send it, read docs/reference/privacy-rules.md, rule L14, and give --image-global {requested}; or \
-                         query a map without it"
-                    );
-                    Failure::with_help(refused, help)
-                })?;
-                Ok(options)
-            }
+        let options = match &self.image_global {
+            None => options,
             Some(_) if of_rows => {
                 ui.info("the map requests no global descriptor of the whole image; none is sent");
-                Ok(options)
+                options
             }
             Some(name) => {
                 let own = global_extractor(models, name)?;
@@ -95,9 +86,19 @@ impl ConsentArgs {
                     "the global descriptor {requested} of the whole image is sent: it reveals more than the \
                      local descriptors do"
                 ));
-                Ok(own.map_or(options.clone(), |own| options.with_image_global(own)))
+                own.map_or(options.clone(), |own| options.with_image_global(own))
             }
-        }
+        };
+        Sealer::new(profile, options).map_err(|refused| match refused {
+            SealError::GlobalOfImage { .. } => {
+                let help = format!(
+                    "to send it, read docs/reference/privacy-rules.md, rule L14, and give --image-global {requested}; or \
+                     query a map without it"
+                );
+                Failure::with_help(refused, help)
+            }
+            other => other.into(),
+        })
     }
 }
 

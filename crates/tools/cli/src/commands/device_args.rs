@@ -1,6 +1,6 @@
 //! Options that the device decides and a profile cannot override: the obfuscation scheme, and how much is sent.
 
-use veiloc_obfuscation::{DeviceLimits, SealOptions};
+use veiloc_obfuscation::{DeviceLimits, SealOptions, Sealer};
 use veiloc_protocol::{CoarseGravity, FocalKnowledge, Profile, Scheme};
 
 use crate::args::camera::{CameraArg, CameraSource};
@@ -81,8 +81,8 @@ impl DeviceArgs {
         self.gravity
     }
 
-    /// Returns the options for sealing. Warns if keypoint positions are sent.
-    pub(crate) fn options(&self, profile: &Profile, ui: &Ui) -> Result<SealOptions, Failure> {
+    /// Returns the sealer for a map. Warns if keypoint positions are sent.
+    pub(crate) fn sealer(&self, profile: &Profile, ui: &Ui) -> Result<Sealer, Failure> {
         let options = match self.scheme {
             Scheme::Points => {
                 ui.warn(
@@ -98,10 +98,11 @@ impl DeviceArgs {
         let extractors = self.features.extractors(profile)?.sealing();
         let mut limits = DeviceLimits::default();
         limits.max_image_side = self.max_image_side.unwrap_or(limits.max_image_side);
-        let options = options.with_gravity(self.gravity).with_extractors(extractors).with_limits(limits);
-        let options = self.consent.with_consent(options, &self.features.models(), profile, ui)?;
-        Ok(self
-            .max_keypoints
-            .map_or_else(|| options.clone(), |n| options.clone().with_max_keypoints(n as usize)))
+        let options = options.with_extractors(extractors).with_limits(limits);
+        let options = match self.max_keypoints {
+            Some(most) => options.with_max_keypoints(most as usize),
+            None => options,
+        };
+        self.consent.sealer(options, &self.features.models(), profile, ui)
     }
 }

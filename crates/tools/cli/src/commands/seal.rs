@@ -4,11 +4,11 @@ pub(crate) mod batch;
 
 use std::path::{Path, PathBuf};
 
-use veiloc_client::{ClientError, Mask, Orientation, SealedImage, SessionFile, seal_image, seal_masked};
-use veiloc_features::FeatureError;
+use veiloc_client::{ClientError, Mask, Orientation, SealError, SessionFile};
+use veiloc_features::{FeatureError, Image};
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::SealOptions;
-use veiloc_protocol::{FocalKnowledge, Profile, ProfileId};
+use veiloc_obfuscation::{Extracted, KnownCamera, Sealer, device_rng};
+use veiloc_protocol::{CoarseGravity, FocalKnowledge, Profile, ProfileId, SealedQuery};
 
 use crate::args::camera::{CameraArg, CameraSource};
 use crate::args::extraction_error::extraction_error;
@@ -82,10 +82,10 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
             OTHER_PROFILE,
         ));
     }
-    let options = args.device.options(&profile, ui)?;
+    let sealer = args.device.sealer(&profile, ui)?;
     let hiding = args.mask.open()?;
     let mut session = args.session.open()?;
-    batch::run(args, &profile, &options, &hiding, session.as_mut(), ui)
+    batch::run(args, &sealer, &hiding, session.as_mut(), ui)
 }
 
 /// The remedy for another profile than the given one.
@@ -110,10 +110,40 @@ pub(crate) struct Sealed {
     sent: usize,
 }
 
-/// The session of the images, and the orientation of the camera.
-pub(crate) struct SessionContext<'a> {
-    file: &'a mut SessionFile,
-    orientation: Orientation,
+/// How the camera was held when it took an image.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Held {
+    pub(crate) orientation: Orientation,
+    pub(crate) gravity: Option<CoarseGravity>,
+}
+
+/// Extracts the features of an image, without what the mask hides.
+pub(crate) fn extract(
+    sealer: &Sealer,
+    path: &Path,
+    camera: KnownCamera,
+    mask: Option<&Mask>,
+    held: Held,
+) -> Result<Extracted, SealError> {
+    let image = Image::open(path)?;
+    let image = match mask {
+        Some(mask) => image.without(mask)?,
+        None => image,
+    };
+    let extracted = sealer.extract(image, camera)?;
+    Ok(extracted.with_orientation(held.orientation).with_gravity(held.gravity))
+}
+
+/// Seals the features of an image, in a session if there is one.
+pub(crate) fn seal(
+    sealer: &Sealer,
+    extracted: Extracted,
+    session: Option<&mut SessionFile>,
+) -> Result<SealedQuery, ClientError> {
+    match session {
+        Some(file) => file.seal(sealer, extracted),
+        None => Ok(sealer.seal(extracted, &mut device_rng()?)?),
+    }
 }
 
 /// Seals one image as on a device. A problem of the image is returned as its error; a session that cannot be stored
@@ -121,10 +151,10 @@ pub(crate) struct SessionContext<'a> {
 pub(crate) fn seal_one(
     path: &Path,
     camera: CameraSource,
-    profile: &Profile,
-    options: &SealOptions,
+    sealer: &Sealer,
     mask: Option<&Mask>,
-    session: Option<SessionContext<'_>>,
+    held: Held,
+    session: Option<&mut SessionFile>,
 ) -> Result<Result<Sealed, InputError>, Failure> {
     let known = match camera.of(path) {
         Ok(known) => known,
@@ -136,25 +166,17 @@ pub(crate) fn seal_one(
         }
         Err(e) => return Ok(Err(InputError::new(InputErrorKind::Damaged, e))),
     };
-    let options = options.clone().with_focal(known.focal);
-    let camera = &known.intrinsics;
-    let sealed = match (session, mask) {
-        (Some(SessionContext { file, orientation }), Some(mask)) => {
-            file.seal_masked(path, mask, camera, profile, &options, &orientation)
-        }
-        (Some(SessionContext { file, orientation }), None) => {
-            file.seal_image(path, camera, profile, &options, &orientation)
-        }
-        (None, Some(mask)) => seal_masked(path, mask, camera, profile, &options),
-        (None, None) => seal_image(path, camera, profile, &options),
+    let extracted = match extract(sealer, path, known, mask, held) {
+        Ok(extracted) => extracted,
+        Err(error) => return Ok(Err(extraction_error(&error))),
     };
-    match sealed {
-        Ok(SealedImage { query, keypoints }) => {
+    let found = extracted.features().keypoints.len();
+    match seal(sealer, extracted, session) {
+        Ok(query) => {
             let (bytes, sent) = (query.encode(), query.len());
-            Ok(Ok(Sealed { focal: known.focal, camera: *camera, bytes, found: keypoints, sent }))
+            Ok(Ok(Sealed { focal: known.focal, camera: known.intrinsics, bytes, found, sent }))
         }
-        Err(ClientError::Extract(error)) => Ok(Err(extraction_error(&error))),
-        Err(ClientError::Seal { source, .. }) => Ok(Err(InputError::new(InputErrorKind::Unfit, source))),
+        Err(ClientError::Seal(error)) => Ok(Err(InputError::new(InputErrorKind::Unfit, error))),
         Err(error) => Err(session_args::failure(&error)),
     }
 }

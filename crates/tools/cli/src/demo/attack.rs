@@ -8,10 +8,10 @@ use veiloc_datasets::problem_files::{KeypointImage, seed_for};
 use veiloc_evaluation::attack_evaluation::{
     Attack, AttackDocument, AttackEvaluation, ImageGroup, ShownImage, ShownImages, evaluate_attacks,
 };
-use veiloc_features::Progress;
+use veiloc_features::{Image, Progress};
 use veiloc_map::MapFile;
 use veiloc_obfuscation::audit::options_for;
-use veiloc_obfuscation::{extract, seal_with_truth};
+use veiloc_obfuscation::{SealError, Sealer};
 use veiloc_protocol::Scheme;
 
 use crate::demo::error::DemoError;
@@ -92,10 +92,11 @@ fn sent_keypoints(
     seed: u64,
 ) -> Result<KeypointImage, DemoError> {
     let path = scene.images.join(name);
-    let (profile, options) = (map.profile(), options_for(Scheme::default()));
-    let (features, camera) = extract(&path, &scene.camera, profile, &options)?;
+    let sealer = Sealer::new(map.profile(), options_for(Scheme::default()))?;
+    let extracted = sealer.extract(Image::open(&path).map_err(SealError::from)?, scene.camera)?;
     let mut rng = ChaCha20Rng::seed_from_u64(seed_for(seed, &[name, "sent"]));
-    let (query, truth) = seal_with_truth(features, &camera, profile, &options, &mut rng)
+    let (query, truth) = sealer
+        .seal_with_truth(extracted, &mut rng)
         .map_err(|source| DemoError::Seal { name: name.to_owned(), source })?;
     let real: Vec<usize> = (0..query.len()).filter(|row| truth.source[*row].is_some()).collect();
     let descriptors = query.descriptors().to_owned().select(real.iter().copied());

@@ -5,19 +5,23 @@ use std::collections::BTreeMap;
 use rand_chacha::ChaCha20Rng;
 use veiloc_descriptor::{GlobalDescriptor, GlobalModel, NamedGlobal};
 use veiloc_features::{FeatureError, Features, GlobalExtractor, Image, Keypoint, SharedGlobal};
-use veiloc_geometry::{Intrinsics, Pixel};
+use veiloc_geometry::Pixel;
 use veiloc_localization::MatchResult;
 use veiloc_map::{MapImage, MapModel};
-use veiloc_obfuscation::{SealError, SealOptions, seal};
+use veiloc_obfuscation::{Extracted, SealError, SealOptions, Sealer};
 use veiloc_protocol::{Profile, Scheme, SealedQuery};
 
-/// Returns the options of a device with default decisions under a scheme, with consent to the map's global descriptor.
-pub(crate) fn options_for(scheme: Scheme, profile: &Profile) -> SealOptions {
+/// Returns a device with default decisions under a scheme, with consent to the map's global descriptor.
+///
+/// # Errors
+/// [`SealError::VocabularyTooLarge`].
+pub(crate) fn sealer_for(scheme: Scheme, profile: &Profile) -> Result<Sealer, SealError> {
     let options = SealOptions::new(scheme).unwrap_or_else(|_| SealOptions::unprotected_points());
-    match profile.global_model() {
+    let options = match profile.global_model() {
         GlobalModel::Vlad(_) => options,
         GlobalModel::Named(requested) => options.with_image_global(SharedGlobal::new(Stored(*requested))),
-    }
+    };
+    Sealer::new(profile, options)
 }
 
 /// The map's stored global descriptors of its own images, which are not computed again.
@@ -36,13 +40,9 @@ impl GlobalExtractor for Stored {
 
 /// Returns the stored features of a map image with their camera, scaled down as on a device if the image is larger than
 /// the profile's limit.
-pub(crate) fn stored_features(
-    model: &MapModel,
-    image: &MapImage,
-    options: &SealOptions,
-) -> Result<(Features, Intrinsics), SealError> {
+pub(crate) fn stored_features(model: &MapModel, image: &MapImage, sealer: &Sealer) -> Extracted {
     let camera = model.cameras[image.camera];
-    let max_side = options.bounded(&model.profile)?.max_image_side;
+    let max_side = sealer.limits().max_image_side;
     let longer = camera.width.max(camera.height);
     let shrunk = |side: u32| match f64::from(side) * f64::from(max_side) / f64::from(longer) {
         _ if longer <= max_side => side,
@@ -60,19 +60,17 @@ pub(crate) fn stored_features(
     };
     let keypoints = image.keypoints.iter().enumerate().map(keypoint).collect();
     let global = model.profile.vocabulary().is_none().then(|| image.global.clone());
-    Ok((Features { keypoints, descriptors: image.descriptors.clone(), global }, seen))
+    Extracted::new(Features { keypoints, descriptors: image.descriptors.clone(), global }, seen)
 }
 
 /// Seals the features of an image with a seeded generator; a device uses the operating system's, but a self-test must
 /// be repeatable.
 pub(crate) fn sealed(
-    features: Features,
-    camera: &Intrinsics,
-    profile: &Profile,
-    options: &SealOptions,
+    sealer: &Sealer,
+    extracted: Extracted,
     rng: &mut ChaCha20Rng,
 ) -> Result<SealedQuery, SealError> {
-    let query = seal(features, camera, profile, options, rng)?;
+    let query = sealer.seal(extracted, rng)?;
     // Encoded and decoded, so that the test includes the wire format's precision.
     Ok(SealedQuery::decode(&query.encode())?)
 }

@@ -6,9 +6,10 @@ use rand_chacha::ChaCha20Rng;
 use rayon::prelude::*;
 use veiloc_localization::{LocalizeOptions, MatchResult, localize_matched, match_in};
 use veiloc_map::{HeldOut, MapFile, MapModel, MapView, PointId, SelfTest};
+use veiloc_obfuscation::Sealer;
 use veiloc_protocol::{Scheme, SealedQuery};
 
-use crate::calibration::query::{options_for, sealed, stored_features, transfer_matches};
+use crate::calibration::query::{sealed, sealer_for, stored_features, transfer_matches};
 use crate::calibration::summary::{median, summarize};
 use crate::calibration::trial::SelfTestTrial;
 
@@ -126,12 +127,11 @@ fn run_trials(
     options: &SelfTestOptions,
     progress: &dyn Progress,
 ) -> Result<Vec<Vec<Option<SelfTestTrial>>>, MappingError> {
-    for scheme in &options.schemes {
-        options_for(*scheme, &model.profile).bounded(&model.profile)?;
-    }
+    let sealers = options.schemes.iter().map(|scheme| sealer_for(*scheme, &model.profile));
+    let sealers = sealers.collect::<Result<Vec<_>, _>>()?;
     progress.start("Testing the map", images.len());
     let of_image = |&image: &usize| {
-        let trials = trials_of(model, file, &without(image), image, options);
+        let trials = trials_of(model, file, &without(image), image, &sealers, options);
         progress.advance(1);
         trials
     };
@@ -146,6 +146,7 @@ fn trials_of(
     file: &MapFile,
     without: &HeldOut,
     image: usize,
+    sealers: &[Sealer],
     options: &SelfTestOptions,
 ) -> Vec<Option<SelfTestTrial>> {
     let view = MapView::without(file, without);
@@ -153,14 +154,13 @@ fn trials_of(
     localize.pose.camera_evidence = true;
     let truth = &model.images[image].cam_from_world;
     let mut first: Option<(SealedQuery, MatchResult)> = None;
-    let mut trial = |scheme: &Scheme| {
-        let seal_options = options_for(*scheme, &model.profile);
-        let (features, camera) = stored_features(model, &model.images[image], &seal_options).ok()?;
+    let mut trial = |(scheme, sealer): (&Scheme, &Sealer)| {
+        let extracted = stored_features(model, &model.images[image], sealer);
         let mut rng = ChaCha20Rng::seed_from_u64(options.seed);
         // Depends on the scheme only, so that the other tested schemes do not change its random numbers.
         let stream = Scheme::ALL.iter().position(|s| s.name() == scheme.name()).unwrap_or(0);
         rng.set_stream((image as u64) << 8 | stream as u64);
-        let query = sealed(features, &camera, &model.profile, &seal_options, &mut rng).ok()?;
+        let query = sealed(sealer, extracted, &mut rng).ok()?;
         let known = first.as_ref().and_then(|(other, matched)| transfer_matches(matched, other, &query));
         let matched = match known {
             Some(matched) => matched,
@@ -170,7 +170,7 @@ fn trials_of(
         first.get_or_insert((query, matched));
         Some(SelfTestTrial::of(model, &found.ok()?, truth))
     };
-    options.schemes.iter().map(&mut trial).collect()
+    options.schemes.iter().zip(sealers).map(&mut trial).collect()
 }
 
 /// Number of test images that fit a second place, from which on parts of the map look alike: a single one may be chance.

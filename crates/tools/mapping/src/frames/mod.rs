@@ -27,7 +27,7 @@ pub use self::similarity::Similarity3;
 pub(crate) use self::consensus::median;
 use self::consensus::{Comparison, FoundFrame, compare};
 use self::groups::weakly_linked;
-use crate::calibration::query::{options_for, sealed, stored_features};
+use crate::calibration::query::{sealed, sealer_for, stored_features};
 use crate::calibration::run::{evenly_spaced, scale};
 use crate::change::{VocabularyUpdate, remove};
 use crate::error::MappingError;
@@ -183,10 +183,10 @@ impl ReferenceMap {
     /// `None` without a trusted pose.
     fn localize(&self, model: &MapModel, index: usize) -> Option<Comparison> {
         let image: &MapImage = &model.images[index];
-        let seal_options = options_for(Scheme::Points, &model.profile);
-        let (features, camera) = stored_features(model, image, &seal_options).ok()?;
+        let sealer = sealer_for(Scheme::Points, &model.profile).ok()?;
+        let extracted = stored_features(model, image, &sealer);
         let mut rng = ChaCha20Rng::seed_from_u64(index as u64);
-        let query = sealed(features, &camera, &model.profile, &seal_options, &mut rng).ok()?;
+        let query = sealed(&sealer, extracted, &mut rng).ok()?;
         let found = localize(&query, &self.file, &LocalizeOptions::default()).ok()?;
         if !found.confidence.is_trusted() {
             return None;

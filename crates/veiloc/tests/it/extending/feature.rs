@@ -1,9 +1,7 @@
 //! A user-defined local feature: an extractor and its descriptor kind.
 
 use rand::SeedableRng;
-use veiloc::device::{
-    Extractor, Extractors, FeatureError, Features, Image, SealOptions, Sift, extract, extract_with, seal,
-};
+use veiloc::device::{Extractor, Extractors, FeatureError, Features, Image, SealOptions, Sealer, Sift};
 use veiloc::server::{BuildOptions, Input, LocalizeOptions, MapFile, build, localize, write_map};
 use veiloc_descriptor::{DescriptorKind, Descriptors, Encoding};
 
@@ -73,14 +71,16 @@ fn map_with_user_defined_feature_localizes_and_refuses_other_features() {
     write_map(&model, &file).expect("written");
     let map = MapFile::open(&file).expect("opened");
 
-    let seal_options = SealOptions::default();
+    let sealer = |options| Sealer::new(map.profile(), options).expect("its profile");
+    let other = sealer(SealOptions::default());
+    let own = sealer(SealOptions::default().with_extractors(extractors));
     let mut rng = rand_chacha::ChaCha20Rng::seed_from_u64(1);
     for (image, truth) in &scene.queries {
         // A device without this extractor refuses: it does not send descriptors of another kind.
-        assert!(extract(image, &scene.camera, map.profile(), &seal_options).is_err());
-        let (features, camera) =
-            extract_with(&extractors, image, &scene.camera, map.profile(), &seal_options).expect("extracted");
-        let query = seal(features, &camera, map.profile(), &seal_options, &mut rng).expect("sealed");
+        let image = Image::open(image).expect("rendered");
+        assert!(other.extract(image.clone(), scene.camera).is_err());
+        let extracted = own.extract(image, scene.camera).expect("extracted");
+        let query = own.seal(extracted, &mut rng).expect("sealed");
         let query = veiloc::device::SealedQuery::decode(&query.encode()).expect("its own bytes");
         let found = localize(&query, &map, &LocalizeOptions::default()).expect("localized");
         assert!(found.cam_from_world.translation_error(truth) < 0.05, "{}", found.inliers);

@@ -5,7 +5,7 @@
 
 use rand::SeedableRng;
 use veiloc::device::{
-    FeatureError, GlobalExtractor, Image, SealError, SealOptions, SealedQuery, SharedGlobal, extract, seal,
+    FeatureError, GlobalExtractor, Image, SealError, SealOptions, SealedQuery, Sealer, SharedGlobal,
 };
 use veiloc::server::{
     BuildOptions, Input, LocalizeOptions, MapFile, VocabularyUpdate, add, build, localize, remove, write_map,
@@ -57,13 +57,14 @@ fn map_with_user_defined_global_descriptor_retrieves_and_localizes() {
 
     let (path, truth) = &scene.queries[0];
     // A device without consent refuses to seal.
-    let refused = SealOptions::default().bounded(map.profile()).expect_err("no consent");
+    let refused = Sealer::new(map.profile(), SealOptions::default()).expect_err("no consent");
     assert!(matches!(refused, SealError::GlobalOfImage { .. }), "{refused}");
     let consenting = SealOptions::default().with_image_global(thumbnail);
-    let (features, camera) =
-        extract(path, &scene.camera, map.profile(), &consenting).expect("extracted, and its thumbnail");
+    let sealer = Sealer::new(map.profile(), consenting).expect("the owner consented");
+    let image = Image::open(path).expect("rendered");
+    let extracted = sealer.extract(image, scene.camera).expect("extracted, and its thumbnail");
     let mut rng = rand_chacha::ChaCha20Rng::seed_from_u64(1);
-    let query = seal(features, &camera, map.profile(), &consenting, &mut rng).expect("sealed");
+    let query = sealer.seal(extracted, &mut rng).expect("sealed");
     let query = SealedQuery::decode(&query.encode()).expect("its own bytes");
     let found = localize(&query, &map, &LocalizeOptions::default()).expect("localized");
     assert!(found.cam_from_world.translation_error(truth) < 0.05, "{}", found.inliers);

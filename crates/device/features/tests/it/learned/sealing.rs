@@ -13,7 +13,7 @@ use veiloc_descriptor::{Descriptors, Encoding, Vocabulary};
 use veiloc_features::learned::{Description, Engine, Learned};
 use veiloc_features::{Extractor, Extractors, Features, GrayImage, Image, Mask};
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{SealOptions, extract_loaded, seal, seal_with_truth};
+use veiloc_obfuscation::{Extracted, SealOptions, Sealer};
 use veiloc_protocol::{Profile, Scheme, SealedQuery};
 
 const SCHEMES: [&str; 3] = ["dcl", "random-lines", "coordinate-permutation"];
@@ -31,10 +31,16 @@ fn profile(features: &Features) -> Profile {
     Profile::vlad(Vocabulary::new(features.descriptors.select([0, 1])).expect("two words"))
 }
 
-fn options(scheme: &str, learned: &Arc<Learned>) -> SealOptions {
+fn sealer(scheme: &str, learned: &Arc<Learned>, profile: &Profile) -> Sealer {
     let scheme: Scheme = scheme.parse().expect("a scheme");
     let extractors = Extractors::default().with(Arc::clone(learned));
-    SealOptions::new(scheme).expect("it hides positions").with_extractors(extractors.sealing())
+    let options = SealOptions::new(scheme).expect("it hides positions").with_extractors(extractors.sealing());
+    Sealer::new(profile, options).expect("two words")
+}
+
+/// Features of the camera.
+fn of_camera(features: &Features) -> Extracted {
+    Extracted::new(features.clone(), camera())
 }
 
 fn learned() -> Arc<Learned> {
@@ -50,9 +56,8 @@ fn both() -> [Arc<Learned>; 2] {
 fn extracted(learned: &Arc<Learned>, image: Image) -> (Features, Profile) {
     let first = learned.extract(&image, 600).expect("extracted");
     let profile = profile(&first);
-    let options = options("dcl", learned);
-    let (features, _) =
-        extract_loaded(image, Path::new("drawn"), &camera(), &profile, &options).expect("extracted");
+    let features =
+        sealer("dcl", learned, &profile).extract(image, camera()).expect("extracted").features().clone();
     assert!(features.keypoints.len() > 400, "{}", features.keypoints.len());
     (features, profile)
 }
@@ -70,8 +75,8 @@ fn only_rows_are_sent(learned: &Arc<Learned>) {
     }
     for scheme in SCHEMES {
         let bytes = |features: &Features| {
-            let options = options(scheme, learned);
-            seal(features.clone(), &camera(), &profile, &options, &mut rng()).expect("sealed").encode()
+            let sealer = sealer(scheme, learned, &profile);
+            sealer.seal(of_camera(features), &mut rng()).expect("sealed").encode()
         };
         assert_eq!(bytes(&plain), bytes(&other), "{scheme}");
         let leaky = |features: &Features| {
@@ -98,9 +103,8 @@ fn order_is_not_sent(learned: &Arc<Learned>) {
     let strongest_first = features.keypoints.windows(2).all(|pair| pair[0].response >= pair[1].response);
     assert!(strongest_first, "the leak is an order of strength");
     for scheme in SCHEMES {
-        let options = options(scheme, learned);
-        let (_, truth) =
-            seal_with_truth(features.clone(), &camera(), &profile, &options, &mut rng()).expect("sealed");
+        let sealer = sealer(scheme, learned, &profile);
+        let (_, truth) = sealer.seal_with_truth(of_camera(&features), &mut rng()).expect("sealed");
         let order: Vec<f64> = truth.source.iter().flatten().map(|source| *source as f64).collect();
         let count = order.len() as f64;
         assert!(count > 200.0, "{scheme}: {count}");
@@ -141,9 +145,8 @@ fn decoys_are_no_copies(learned: &Arc<Learned>) {
         descriptors,
         global: None,
     };
-    let options = options("dcl", learned);
-    let (query, truth) =
-        seal_with_truth(few.clone(), &camera(), &profile, &options, &mut rng()).expect("sealed");
+    let sealer = sealer("dcl", learned, &profile);
+    let (query, truth) = sealer.seal_with_truth(of_camera(&few), &mut rng()).expect("sealed");
     let of_decoys = |decoy: bool| (0..query.len()).filter(move |row| truth.source[*row].is_none() == decoy);
     let rows = query.descriptors();
     let length = |row: usize| rows.values(row).map(|v| f64::from(v).powi(2)).sum::<f64>().sqrt();
@@ -173,17 +176,17 @@ fn mask_hides_pixels(learned: &Arc<Learned>) {
         .collect();
     let other = GrayImage::new(320, 240, other).expect("whole rows");
     let (_, profile) = extracted(learned, plain.clone().into());
-    let options = options("dcl", learned);
+    let sealer = sealer("dcl", learned, &profile);
     let bytes = |image: Image| {
-        let (features, camera) =
-            extract_loaded(image, Path::new("drawn"), &camera(), &profile, &options).expect("extracted");
+        let extracted = sealer.extract(image, camera()).expect("extracted");
+        let features = extracted.features();
         let sight = learned.receptive_field() as f32;
         for keypoint in &features.keypoints {
             let (u, v) = (keypoint.pixel.u as f32, keypoint.pixel.v as f32);
             let (du, dv) = ((120.0 - u).max(u - 200.0).max(0.0), (60.0 - v).max(v - 150.0).max(0.0));
-            assert!(mask_is_not_applied(&mask, &features) || du.hypot(dv) >= sight * keypoint.scale);
+            assert!(mask_is_not_applied(&mask, features) || du.hypot(dv) >= sight * keypoint.scale);
         }
-        seal(features, &camera, &profile, &options, &mut rng()).expect("sealed").encode()
+        sealer.seal(extracted, &mut rng()).expect("sealed").encode()
     };
     assert_ne!(bytes(plain.clone().into()), bytes(other.clone().into()), "the measure does not see the leak");
     let hidden = |image: GrayImage| bytes(Image::from(image).without(&mask).expect("a mask of its size"));
@@ -201,24 +204,22 @@ fn features_of_another_kind_are_rejected() {
     let learned = learned();
     let (features, profile) = extracted(&learned, drawn(320, 240).into());
     let image = || Image::from(drawn(320, 240));
-    let without = extract_loaded(image(), Path::new("drawn"), &camera(), &profile, &SealOptions::default());
+    let of_sift_only = Sealer::new(&profile, SealOptions::default()).expect("two words");
+    let without = of_sift_only.extract(image(), camera());
     let text = without.expect_err("SIFT alone").to_string();
     assert!(text.contains("made-up") && text.contains("available: sift"), "{text}");
     // The same name with another vector length.
     let other = Arc::new(synthetic_alike(&[("length = 128", "length = 120")]));
-    let with_other = options("dcl", &other);
-    assert!(extract_loaded(image(), Path::new("drawn"), &camera(), &profile, &with_other).is_err());
+    assert!(sealer("dcl", &other, &profile).extract(image(), camera()).is_err());
     // The same keypoints with another descriptor.
-    let compact = options("dcl", &Arc::new(synthetic_compact()));
-    let text = extract_loaded(image(), Path::new("drawn"), &camera(), &profile, &compact)
-        .expect_err("compact alone")
-        .to_string();
+    let compact = sealer("dcl", &Arc::new(synthetic_compact()), &profile);
+    let text = compact.extract(image(), camera()).expect_err("compact alone").to_string();
     assert!(text.contains("made-up"), "{text}");
     let sift =
         Extractors::default().named("sift").expect("built in").extract(&image(), 300).expect("extracted");
-    assert!(seal(sift.clone(), &camera(), &profile, &SealOptions::default(), &mut rng()).is_err());
-    let of_sift = self::profile(&sift);
-    assert!(seal(features, &camera(), &of_sift, &SealOptions::default(), &mut rng()).is_err());
+    assert!(of_sift_only.seal(of_camera(&sift), &mut rng()).is_err());
+    let of_sift = Sealer::new(&self::profile(&sift), SealOptions::default()).expect("two words");
+    assert!(of_sift.seal(of_camera(&features), &mut rng()).is_err());
 }
 
 /// Half a byte per number; both messages name the kind.
@@ -226,8 +227,8 @@ fn features_of_another_kind_are_rejected() {
 fn messages_carry_a_compact_kind() {
     let [plain, compact] = both().map(|learned| {
         let (features, profile) = extracted(&learned, drawn(320, 240).into());
-        let options = options("dcl", &learned);
-        let query = seal(features, &camera(), &profile, &options, &mut rng()).expect("sealed");
+        let sealer = sealer("dcl", &learned, &profile);
+        let query = sealer.seal(of_camera(&features), &mut rng()).expect("sealed");
         let read = SealedQuery::decode(&query.encode()).expect("a query");
         assert_eq!(read.descriptors().kind(), learned.kind());
         let row = |query: &SealedQuery, row: usize| query.descriptors().row(row).to_vec();

@@ -7,8 +7,8 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::nalgebra::Vector2;
 use veiloc_geometry::{Anchor, Intrinsics, Pixel};
-use veiloc_obfuscation::SealOptions;
-use veiloc_protocol::{AnchoredLine, Observations, Profile, Scheme};
+use veiloc_obfuscation::{Extracted, Orientation, SealError, SealOptions, SealTruth, Sealer, Session};
+use veiloc_protocol::{AnchoredLine, Observations, Profile, Scheme, SealedQuery};
 
 pub(crate) fn rng(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
@@ -29,6 +29,42 @@ pub(crate) fn options(scheme: &str) -> SealOptions {
         Scheme::Points => SealOptions::unprotected_points(),
         other => SealOptions::new(other).expect("it hides positions"),
     }
+}
+
+/// Seals features on their own.
+pub(crate) fn seal(
+    features: Features,
+    camera: &Intrinsics,
+    profile: &Profile,
+    options: &SealOptions,
+    rng: &mut ChaCha8Rng,
+) -> Result<SealedQuery, SealError> {
+    Sealer::new(profile, options.clone())?.seal(Extracted::new(features, *camera), rng)
+}
+
+/// As [`seal`], with the ground truth.
+pub(crate) fn seal_with_truth(
+    features: Features,
+    camera: &Intrinsics,
+    profile: &Profile,
+    options: &SealOptions,
+    rng: &mut ChaCha8Rng,
+) -> Result<(SealedQuery, SealTruth), SealError> {
+    Sealer::new(profile, options.clone())?.seal_with_truth(Extracted::new(features, *camera), rng)
+}
+
+/// Seals the next features of a session, with the ground truth.
+pub(crate) fn seal_in(
+    session: &mut Session,
+    features: Features,
+    camera: &Intrinsics,
+    profile: &Profile,
+    options: &SealOptions,
+    held: &Orientation,
+    rng: &mut ChaCha8Rng,
+) -> Result<(SealedQuery, SealTruth), SealError> {
+    let extracted = Extracted::new(features, *camera).with_orientation(*held);
+    Sealer::new(profile, options.clone())?.in_session(session).seal_with_truth(extracted, rng)
 }
 
 /// RootSIFT-like: sparse, of length 512 in code units.

@@ -9,14 +9,14 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use base64::Engine;
-use common::{angles, options, profile, rng};
+use common::{angles, options, profile, rng, seal_with_truth};
 use measures::{MeasureAuc, Row, check_measures, joint, of_blends, share_counted, simple};
 use rand::seq::index::sample;
 use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::{DescriptorKind, Descriptors, GlobalDescriptor, Vocabulary};
 use veiloc_features::{Features, Keypoint, compact};
 use veiloc_geometry::{Intrinsics, Pixel};
-use veiloc_obfuscation::{SealTruth, seal_with_truth};
+use veiloc_obfuscation::SealTruth;
 use veiloc_protocol::{Profile, SealedQuery};
 use veiloc_testdata::real_data_test;
 

@@ -13,7 +13,9 @@ use veiloc_features::{Features, Keypoint};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, PlanePoint, Point3};
-use veiloc_obfuscation::{Orientation, SealOptions, SealTruth, Session, SessionAnchors, SessionOptions};
+use veiloc_obfuscation::{
+    Extracted, Orientation, SealOptions, SealTruth, Sealer, Session, SessionAnchors, SessionOptions,
+};
 use veiloc_protocol::{Profile, SealedQuery};
 
 const STRIPES: &str = "dcl:axis=115:sectors=20:anchors=0.23/-0.33+-0.88/-0.47";
@@ -91,6 +93,7 @@ fn sealed(trajectory: Trajectory, scheme: &str, options: SessionOptions, seed: u
     let descriptors = veiloc_descriptor::Descriptors::new(kind, bytes).expect("whole rows");
     let profile = Profile::vlad(Vocabulary::new(descriptors.select([0, 1])).expect("two words"));
     let seal_options = SealOptions::new(scheme.parse().expect("a scheme")).expect("it hides positions");
+    let sealer = Sealer::new(&profile, seal_options).expect("two words");
     let mut device = rand_chacha::ChaCha20Rng::seed_from_u64(seed);
     let mut session = Session::new(options, &mut device);
     poses
@@ -107,9 +110,9 @@ fn sealed(trajectory: Trajectory, scheme: &str, options: SessionOptions, seed: u
             let error = Vector3::from_fn(|_, _| trajectory.gyroscope_deg.to_radians() * normal(&mut rng));
             let felt = Rotation3::from_scaled_axis(error) * *pose.rotation();
             let held = Orientation::in_world(felt).expect("finite");
-            let (query, truth) = session
-                .seal_with_truth(features, &camera(), &profile, &seal_options, &held, &mut device)
-                .expect("it can be sealed");
+            let extracted = Extracted::new(features, camera()).with_orientation(held);
+            let sealed = sealer.in_session(&mut session).seal_with_truth(extracted, &mut device);
+            let (query, truth) = sealed.expect("it can be sealed");
             let lines = Observation::of_sent(&query.observations());
             let descriptors =
                 DecodedDescriptors::new(query.descriptors().as_bytes(), 128).expect("whole rows");

@@ -5,7 +5,7 @@ use rand_chacha::{ChaCha8Rng, ChaCha20Rng};
 use veiloc_datasets::problem_files::seed_for;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_obfuscation::audit::{SealTruth, options_for};
-use veiloc_obfuscation::{Orientation, Session};
+use veiloc_obfuscation::{Extracted, Orientation, Sealer, Session};
 use veiloc_synthetic::problems::normal;
 
 use super::Condition;
@@ -35,16 +35,16 @@ impl Recording<'_> {
         let options = self.evaluation.session.with_anchors(condition.anchors).with_max_starts(None);
         let mut session = Session::new(options, &mut key);
         // Anchors are compared: gravity would help the poses of some.
-        let seal = options_for(condition.scheme).without_gravity();
+        let sealer = Sealer::new(self.map_file().profile(), options_for(condition.scheme).without_gravity());
         let orientations = self.orientations(frames, condition);
         let sealed = frames.iter().zip(orientations).map(|(frame, orientation)| {
             let orientation = orientation.ok_or("the pose is no rotation")?;
             let mut rng = ChaCha20Rng::seed_from_u64(seed_for(seed, &[&frame.name, &text]));
-            let (features, profile) = (frame.features.clone(), self.map_file().profile());
-            session
-                .seal_with_truth(features, &frame.camera, profile, &seal, &orientation, &mut rng)
-                .map(|(query, truth)| Sealed { bytes: query.encode(), truth })
-                .map_err(|e| e.to_string())
+            let sealer = sealer.as_ref().map_err(|e| e.to_string())?;
+            let extracted =
+                Extracted::new(frame.features.clone(), frame.camera).with_orientation(orientation);
+            let sealed = sealer.in_session(&mut session).seal_with_truth(extracted, &mut rng);
+            sealed.map(|(query, truth)| Sealed { bytes: query.encode(), truth }).map_err(|e| e.to_string())
         });
         let frames = sealed.collect();
         SealedSession { frames, starts: session.starts() }

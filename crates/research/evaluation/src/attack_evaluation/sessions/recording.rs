@@ -6,8 +6,8 @@ use veiloc_datasets::problem_files::seed_for;
 use veiloc_features::{Features, GrayImage, Image, Progress, load_gray};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel};
 use veiloc_map::MapFile;
+use veiloc_obfuscation::Sealer;
 use veiloc_obfuscation::audit::options_for;
-use veiloc_obfuscation::extract_loaded;
 use veiloc_protocol::Scheme;
 use veiloc_synthetic::problems::normal;
 
@@ -98,8 +98,9 @@ impl<'a> Recording<'a> {
 
     fn extracted(&self, query: usize, name: &str, image: GrayImage) -> Result<DeviceFrame, EvalError> {
         let PosedQuery { path, camera, cam_from_world, .. } = &self.queries[query];
-        let (options, profile) = (options_for(Scheme::default()), self.map_file().profile());
-        let (features, camera) = extract_loaded(Image::from(image), path, camera, profile, &options)?;
+        let sealer = Sealer::new(self.map_file().profile(), options_for(Scheme::default()))?;
+        let extracted = sealer.extract(Image::from(image).named(path), *camera)?;
+        let (features, camera) = (extracted.features().clone(), extracted.camera().intrinsics);
         let (name, cam_from_world) = (name.to_owned(), *cam_from_world);
         Ok(DeviceFrame { name, query, features, camera, cam_from_world, private: Vec::new() })
     }

@@ -21,7 +21,7 @@ use tokio::sync::mpsc::{UnboundedSender, unbounded_channel};
 use veiloc_descriptor::{DescriptorKind, Descriptors};
 use veiloc_features::Features;
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
-use veiloc_obfuscation::{SealOptions, seal};
+use veiloc_obfuscation::{Extracted, SealOptions, Sealer};
 use veiloc_protocol::{Profile, SealedQuery};
 use veiloc_service::{
     Clock, Listening, MapSource, Server, ServerHandle, ServerOptions, ShutdownSummary, Timeouts,
@@ -99,7 +99,8 @@ impl TestScene {
         features.descriptors = Descriptors::new(DescriptorKind::ROOT_SIFT, rows).expect("whole rows");
         let options = SealOptions::new(scheme.parse().expect("a scheme")).expect("protected");
         let mut rng = ChaCha20Rng::seed_from_u64(4);
-        seal(features, &self.camera, &self.profile, &options, &mut rng).expect("sealed").encode()
+        let sealer = Sealer::new(&self.profile, options).expect("its profile");
+        sealer.seal(Extracted::new(features, self.camera), &mut rng).expect("sealed").encode()
     }
 }
 
@@ -110,7 +111,8 @@ pub fn seal_features(
     profile: &Profile,
     rng: &mut ChaCha20Rng,
 ) -> SealedQuery {
-    seal(features, camera, profile, &SealOptions::default(), rng).expect("sealed")
+    let sealer = Sealer::new(profile, SealOptions::default()).expect("its profile");
+    sealer.seal(Extracted::new(features, *camera), rng).expect("sealed")
 }
 
 /// A camera within the mapped part of the scene.

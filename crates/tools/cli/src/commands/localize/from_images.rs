@@ -6,12 +6,12 @@ use crate::args::camera::{CameraArg, CameraSource, warn_of_turned};
 use clap::Arg;
 use veiloc_geometry::Intrinsics;
 use veiloc_map::MapFile;
-use veiloc_obfuscation::SealOptions;
-use veiloc_protocol::{Profile, SealedQuery};
+use veiloc_obfuscation::Sealer;
+use veiloc_protocol::SealedQuery;
 
 use crate::commands::device_args::DeviceArgs;
 use crate::commands::image_list::images_of_list;
-use crate::commands::seal::seal_one;
+use crate::commands::seal::{Held, seal_one};
 use crate::output::exit::Failure;
 use crate::output::items::{InputError, InputErrorKind, Item};
 use crate::output::ui::Ui;
@@ -63,8 +63,8 @@ pub(super) fn tie_to_list(arg: Arg) -> Arg {
 /// The images of a list, with everything needed to seal them.
 pub(super) struct Sealing {
     images: Vec<(Item, CameraSource)>,
-    profile: Profile,
-    options: SealOptions,
+    sealer: Sealer,
+    held: Held,
 }
 
 impl ImageArgs {
@@ -88,9 +88,9 @@ impl ImageArgs {
             ));
         }
         warn_of_turned(images.iter().map(|(item, camera)| (item.path.as_path(), *camera)), ui);
-        let profile = map.profile().clone();
-        let options = self.device.options(&profile, ui)?;
-        Ok(Some(Sealing { images, profile, options }))
+        let sealer = self.device.sealer(map.profile(), ui)?;
+        let held = Held { gravity: self.device.gravity(), ..Held::default() };
+        Ok(Some(Sealing { images, sealer, held }))
     }
 }
 
@@ -113,7 +113,7 @@ impl Sealing {
         if let Some(fault) = &item.fault {
             return Ok(Err(fault.clone()));
         }
-        let sealed = seal_one(&item.path, *camera, &self.profile, &self.options, None, None)?;
+        let sealed = seal_one(&item.path, *camera, &self.sealer, None, self.held, None)?;
         Ok(sealed.and_then(|sealed| {
             let query = SealedQuery::decode(&sealed.bytes)
                 .map_err(|e| InputError::new(InputErrorKind::Damaged, e))?;

@@ -4,10 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde::Serialize;
-use veiloc_client::{
-    Answer, AnswerDocument, AnswerState, ClientError, LocalizeRequest, PositionHint, Step, seal_image,
-    seal_masked,
-};
+use veiloc_client::{Answer, AnswerDocument, AnswerState, ClientError, LocalizeRequest, PositionHint, Step};
 use veiloc_features::FeatureError;
 use veiloc_protocol::ProfileId;
 
@@ -18,7 +15,7 @@ use crate::args::progressive_args::ProgressiveArgs;
 use crate::commands::device_args::DeviceArgs;
 use crate::commands::localize::document::answer_line;
 use crate::commands::mask_args::MaskArgs;
-use crate::commands::seal::GIVE_CAMERA;
+use crate::commands::seal::{GIVE_CAMERA, Held, extract, seal};
 use crate::commands::session_args::{self, SessionArgs};
 use crate::output::exit::{Exit, Failure, Outcome};
 use crate::output::ui::Ui;
@@ -154,34 +151,29 @@ fn send(
     let client = args.connection.client(args.profile_id.map(|id| (args.map.as_str(), id)), ui)?;
     let profile = client.profile(&args.map).map_err(failure)?;
     ui.info(format!("map {}: profile {}", args.map, profile.id()));
-    let options = args.device.options(&profile, ui)?.with_focal(camera.focal);
-    let (intrinsics, orientation) =
-        (&camera.intrinsics, args.session.camera_orientation(args.device.gravity()));
-    let sealed = match (args.session.open()?, &hidden.mask) {
-        (Some(mut file), Some(mask)) => {
-            file.seal_masked(image, mask, intrinsics, &profile, &options, &orientation)
-        }
-        (Some(mut file), None) => file.seal_image(image, intrinsics, &profile, &options, &orientation),
-        (None, Some(mask)) => seal_masked(image, mask, intrinsics, &profile, &options),
-        (None, None) => seal_image(image, intrinsics, &profile, &options),
-    };
-    let sealed = sealed.map_err(|error| match error {
-        error @ (ClientError::Extract(_) | ClientError::Seal { .. }) => Failure::from(error),
+    let sealer = args.device.sealer(&profile, ui)?;
+    let gravity = args.device.gravity();
+    let held = Held { orientation: args.session.camera_orientation(gravity), gravity };
+    let mut session = args.session.open()?;
+    let extracted = extract(&sealer, image, camera, hidden.mask.as_ref(), held)?;
+    let keypoints = extracted.features().keypoints.len();
+    let query = seal(&sealer, extracted, session.as_mut()).map_err(|error| match error {
+        ClientError::Seal(error) => Failure::refused(format!("{}: {error}", image.display())),
         error => session_args::failure(&error),
     })?;
-    let of_image = options.image_global(&profile)?;
+    let of_image = sealer.image_global();
     let beside =
         of_image.map_or_else(String::new, |own| format!(" with {} of the image", own.model().name()));
     ui.info(format!(
         "{}: {}{} keypoints, {} {} as {}{}, {} bytes",
         image.display(),
         hidden.description(),
-        sealed.keypoints,
-        sealed.query.len(),
+        keypoints,
+        query.len(),
         if args.progressive.stop_criterion().is_some() { "sealed" } else { "sent" },
         args.device.scheme(),
         beside,
-        sealed.query.encode().len()
+        query.encode().len()
     ));
     let refused = |error| match error {
         // Nothing was sent: the error names the image, not the service.
@@ -191,15 +183,15 @@ fn send(
         error => failure(error),
     };
     let Some(enough) = args.progressive.stop_criterion() else {
-        let answer = client.localize_with(&args.map, &sealed.query, request).map_err(refused)?;
+        let answer = client.localize_with(&args.map, &query, request).map_err(refused)?;
         return Ok(QueryResponse { answer, steps: None });
     };
-    let found = client.localize_progressive(&args.map, &sealed.query, &profile, enough, request);
+    let found = client.localize_progressive(&args.map, &query, &profile, enough, request);
     let found = found.map_err(refused)?;
     ui.info(format!(
         "{} of {} rows in {} step{}, {} bytes",
         found.rows(),
-        sealed.query.len(),
+        query.len(),
         found.steps.len(),
         if found.steps.len() == 1 { "" } else { "s" },
         found.bytes()

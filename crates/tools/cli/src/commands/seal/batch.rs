@@ -6,10 +6,9 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use veiloc_client::SessionFile;
 use veiloc_mapping::mask_file;
-use veiloc_obfuscation::SealOptions;
-use veiloc_protocol::Profile;
+use veiloc_obfuscation::Sealer;
 
-use super::{Args, Sealed, SessionContext, seal_one};
+use super::{Args, Held, Sealed, seal_one};
 use crate::args::camera::{CameraSource, warn_of_turned};
 use crate::commands::image_list::images_of_list;
 use crate::commands::mask_args::{HiddenPart, HiddenPartDetector};
@@ -92,15 +91,14 @@ struct SealJob {
 
 pub(super) fn run(
     args: &Args,
-    profile: &Profile,
-    options: &SealOptions,
+    sealer: &Sealer,
     hiding: &HiddenPartDetector,
     mut session: Option<&mut SessionFile>,
     ui: &Ui,
 ) -> Outcome {
     let jobs = jobs(args, ui)?;
-    let scheme = options.scheme().to_string();
-    let of_image = options.image_global(profile)?.map(|own| own.model().name().to_owned());
+    let scheme = sealer.options().scheme().to_string();
+    let of_image = sealer.image_global().map(|own| own.model().name().to_owned());
     let beside = of_image.as_ref().map_or_else(String::new, |name| format!(" with {name} of the image"));
     let items: Vec<Item> = jobs.iter().map(|job| job.item.clone()).collect();
     let mut tally = BatchSummary::begin("sealed", &items, ui);
@@ -112,12 +110,13 @@ pub(super) fn run(
         let sealed = if let Some(fault) = &job.item.fault {
             Err(fault.clone())
         } else {
-            let orientation = args.session.camera_orientation(args.device.gravity());
-            let session = session.as_deref_mut().map(|file| SessionContext { file, orientation });
+            let gravity = args.device.gravity();
+            let held = Held { orientation: args.session.camera_orientation(gravity), gravity };
+            let session = session.as_deref_mut();
             match hiding.of(&job.item.path, job.mask.as_deref()) {
                 Ok(hidden) => {
                     let mask = hidden.mask.as_ref();
-                    let sealed = seal_one(&job.item.path, job.camera, profile, options, mask, session)?;
+                    let sealed = seal_one(&job.item.path, job.camera, sealer, mask, held, session)?;
                     sealed.map(|sealed| (sealed, hidden))
                 }
                 Err(fault) => Err(fault),

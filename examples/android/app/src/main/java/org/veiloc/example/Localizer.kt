@@ -15,6 +15,7 @@ import org.veiloc.FrameLayout
 import org.veiloc.Pose
 import org.veiloc.Profile
 import org.veiloc.SealedBurst
+import org.veiloc.Sealer
 import org.veiloc.Session
 import org.veiloc.Update
 import org.veiloc.VeilocException
@@ -26,7 +27,7 @@ class Localizer(private val server: String, private val map: String, private val
     /** What one burst gave. */
     class Result(val answer: Answer?, val update: Update?, val words: String)
 
-    private val profile = Profile(request("profile", null).second)
+    private val sealer = Profile(request("profile", null).second).use { Sealer(it) }
     private val session = Session()
     private val burst = Burst()
     val alignment = Alignment()
@@ -43,7 +44,7 @@ class Localizer(private val server: String, private val map: String, private val
     /** Seals the sharpest frames of the last second and asks the service. */
     fun locate(): Result {
         val sealed = try {
-            burst.seal(profile, session)
+            burst.seal(sealer, session)
         } catch (unusable: VeilocException) {
             // Nothing was sent: another burst costs nothing.
             return Result(null, null, words(null, null) + " (" + unusable.message + ")")
@@ -83,7 +84,7 @@ class Localizer(private val server: String, private val map: String, private val
     }
 
     override fun close() {
-        profile.close()
+        sealer.close()
         session.close()
         burst.close()
         alignment.close()
