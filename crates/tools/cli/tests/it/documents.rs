@@ -15,7 +15,9 @@ use serde_json::{Value, json};
 const COMMANDS: &[(&str, &str)] = &[
     ("seal", "seal images/query-0.png no-such.png {seal} -o documents/ --json"),
     ("localize", "localize --map place.vmap good.vquery no-such.vquery five.vquery --json"),
+    ("localize", "localize --map place.vmap good.vquery --need 0.000001 --json"),
     ("localize --rig", "localize --map place.vmap --rig rig.json --json"),
+    ("localize --rig", "localize --map place.vmap --rig rig.json --need 0.000001 --json"),
     ("localize --rig", "localize --map place.vmap --rig lost.json --json"),
     ("map info", "map info place.vmap --json"),
     ("map info", "map remove place.vmap map-00.png -o less.vmap --json"),
