@@ -6,7 +6,7 @@ use veiloc_map::{MapFile, MapModel};
 use veiloc_mapping::calibration::{SelfTestOptions, is_testable, self_test_compressed, smallest_within};
 use veiloc_mapping::{CompressOptions, CompressedMap, compress};
 
-use super::info::InfoOutput;
+use super::facts::InfoOutput;
 use super::self_test::FinishArgs;
 use crate::output::exit::{Failure, Outcome};
 use crate::output::stages::Stages;

@@ -23,15 +23,6 @@ impl FrameArgs {
     }
 }
 
-/// The remedies for a refused frame.
-pub(super) const REMEDY: &str = "give poses in one frame, or transform those of the named images with --align; if \
-                                 they are of another place that only looks alike, use --no-frame-check";
-
-/// The remedies for a model with a group of images in another frame.
-pub(super) const REMEDY_OF_IMPORT: &str = "build the map with map build --align, which transforms the named images and \
-                                           triangulates the points anew; if they are of another place that only \
-                                           looks alike, use --no-frame-check";
-
 /// Prints the result of the comparison.
 pub(super) fn print(report: &FrameReport, ui: &Ui) {
     let FrameReport { tested, localized, .. } = report;

@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use veiloc_map::MapFile;
 use veiloc_mapping::{MapWarning, merge};
 
-use super::MapEdit;
-use super::align::AlignmentInfo;
-use super::info::InfoOutput;
+use super::alignment::AlignmentInfo;
+use super::edit::MapEdit;
+use super::facts::InfoOutput;
 use super::self_test::FinishArgs;
 use crate::output::exit::{Failure, Outcome};
 use crate::output::position::unit_of;
