@@ -9,9 +9,9 @@ use veiloc_geometry::{Pixel, PixelLine};
 use veiloc_protocol::Observations;
 
 use crate::images::data_address;
-use crate::localization::{MatchState, SentDrawing};
 use crate::numbers::{percent, pixels};
 use crate::page::{figure, legend};
+use crate::scene::{MatchState, SentDrawing};
 
 /// Maximum number of lines; more are unreadable.
 const MAX_LINES: usize = 400;

@@ -5,11 +5,10 @@ use std::fmt::Write as _;
 use maud::{Markup, html};
 use veiloc_geometry::nalgebra::Vector3;
 
-use crate::localization::SceneView;
 use crate::numbers::LengthUnit;
 use crate::page::figure;
-use crate::space::page_axes;
-use crate::top_view::{Plan, TopView};
+use crate::scene::SceneView;
+use crate::top_view::{Plan, TopView, page_axes};
 
 /// Classes of a heat map, best first.
 const CLASSES: usize = 4;

@@ -23,6 +23,7 @@ mod inversion;
 mod localization;
 mod numbers;
 mod page;
+mod scene;
 mod space;
 mod table;
 mod top_view;
@@ -34,10 +35,8 @@ pub use audit::audit_page;
 pub use demo::{DemoReport, DeviceQuery, demo_page};
 pub use heat::{HeatCell, HeatMap};
 pub use inversion::inversion_page;
-pub use localization::{
-    LocalizationReport, MatchState, Method, QueryDrawing, QueryOutcome, SceneView, SentDrawing,
-    localization_page, worst_first,
-};
+pub use localization::{LocalizationReport, Method, QueryDrawing, localization_page, worst_first};
 pub use numbers::{LengthUnit, significant};
 pub use page::Card;
+pub use scene::{MatchState, QueryOutcome, SceneView, SentDrawing};
 pub use top_view::map_picture;

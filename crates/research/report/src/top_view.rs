@@ -7,10 +7,9 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Vector2, Vector3};
 use veiloc_pose::State;
 
-use crate::localization::QueryOutcome;
 use crate::numbers::LengthUnit;
 use crate::page::{figure, legend};
-use crate::space::SpaceRow;
+use crate::scene::{QueryOutcome, SceneView, SpaceRow};
 
 /// Maximum number of drawn map points.
 const MAX_POINTS: usize = 3500;
@@ -77,6 +76,44 @@ pub fn map_picture(
         }
     };
     Some(drawn.into_string())
+}
+
+/// The directions of the map that point right and up on a page that shows the scene from above.
+pub(crate) fn page_axes(scene: &SceneView) -> (Vector3<f64>, Vector3<f64>) {
+    let up = up_of(scene);
+    let right = right_of(scene, up);
+    (right, up.cross(&right))
+}
+
+/// The up direction: that of the scene, or the mean up direction of its images.
+pub(crate) fn up_of(scene: &SceneView) -> Vector3<f64> {
+    let up = scene.up.map_or_else(
+        || {
+            let poses = scene.cameras.iter().filter(|pose| pose.is_finite());
+            poses.map(|pose| -(pose.rotation().inverse() * Vector3::y())).sum()
+        },
+        Vector3::from,
+    );
+    up.try_normalize(1e-9).unwrap_or_else(Vector3::z)
+}
+
+/// The direction of the scene's largest extent, seen from above: it is horizontal on the page.
+fn right_of(scene: &SceneView, up: Vector3<f64>) -> Vector3<f64> {
+    let centers = scene.cameras.iter().filter(|pose| pose.is_finite()).map(CameraFromWorld::center);
+    let centers: Vec<Vector3<f64>> = centers.map(|center| center.coords).collect();
+    let side = if up.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() };
+    let a = (side - up * up.dot(&side)).try_normalize(1e-9).unwrap_or_else(Vector3::x);
+    let b = up.cross(&a);
+    let middle = centers.iter().sum::<Vector3<f64>>() / centers.len().max(1) as f64;
+    let (mut aa, mut ab, mut bb) = (0.0, 0.0, 0.0);
+    for center in &centers {
+        let d = center - middle;
+        aa += d.dot(&a).powi(2);
+        ab += d.dot(&a) * d.dot(&b);
+        bb += d.dot(&b).powi(2);
+    }
+    let angle = 0.5 * f64::atan2(2.0 * ab, aa - bb);
+    a * angle.cos() + b * angle.sin()
 }
 
 /// Transformation from the map to the page.

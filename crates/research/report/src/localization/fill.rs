@@ -3,22 +3,16 @@
 use veiloc_evaluation::DrawnQuery;
 use veiloc_evaluation::results::metrics::median;
 use veiloc_evaluation::results::{QueryResult, SchemeSummary};
-use veiloc_geometry::{CameraFromWorld, PlanePoint};
-use veiloc_localization::Localization;
-use veiloc_map::{MapFile, PointId};
+use veiloc_geometry::CameraFromWorld;
+use veiloc_map::MapFile;
 use veiloc_pose::State;
 use veiloc_protocol::PoseDocument;
-use veiloc_protocol::SealedQuery;
 
-use super::data::{
-    LocalizationReport, MatchState, Method, QueryDrawing, QueryOutcome, SceneView, SentDrawing,
-};
+use super::data::{LocalizationReport, Method, QueryDrawing};
 use crate::images::undistorted;
 use crate::numbers::{degrees, kilobytes, percent, scheme_name};
 use crate::page::Card;
-
-/// Maximum number of map points in a drawing; more only increase the file.
-const MAX_POINTS: usize = 24_000;
+use crate::scene::{QueryOutcome, SceneView, SentDrawing};
 
 /// Fields that distinguish methods.
 type Key<'a> = (Option<&'a str>, &'a str, Option<&'a str>);
@@ -124,49 +118,6 @@ impl QueryOutcome {
             bytes: result.sent.map(|sent| sent.sent_bytes).or(result.sealed_bytes),
             ms: (!result.ms.is_empty()).then(|| result.ms.values().sum()),
             remark: result.failure.clone(),
-        }
-    }
-}
-
-impl SceneView {
-    /// A view of a map, with a subset of its points if there are many.
-    pub fn of_map(name: &str, map: &MapFile) -> Self {
-        let step = map.point_count().div_ceil(MAX_POINTS).max(1);
-        let points = (0..map.point_count()).step_by(step);
-        Self {
-            name: name.to_owned(),
-            points: points.map(|i| map.point(PointId(i as u32)).coords.into()).collect(),
-            cameras: map.images().map(|image| *image.cam_from_world()).collect(),
-            up: map.down().map(|down| down.in_world().map(|x| -x)),
-        }
-    }
-}
-
-impl SentDrawing {
-    /// The drawing of a sealed query, with its pose if there is one.
-    pub fn of(query: &SealedQuery, found: Option<&Localization>, map: &MapFile) -> Self {
-        let camera = query.camera();
-        let mut rows = vec![MatchState::Unmatched; query.len()];
-        let mut projected = Vec::new();
-        for pair in found.map_or(&[][..], |found| &found.matched) {
-            let Some(state) = rows.get_mut(pair.row) else { continue };
-            match (pair.agrees, *state) {
-                (true, _) => *state = MatchState::Inlier,
-                (false, MatchState::Unmatched) => *state = MatchState::Outlier,
-                _ => {}
-            }
-            let seen = found.map(|found| found.cam_from_world.transform(&map.point(pair.point)));
-            if let Some(seen) = seen.filter(|seen| pair.agrees && seen.depth() > 0.0) {
-                let at = seen.coords / seen.depth();
-                projected.push(camera.project(PlanePoint::new(at.x, at.y)));
-            }
-        }
-        Self {
-            scheme: query.scheme().to_string(),
-            sent: query.observations(),
-            size: (camera.width, camera.height),
-            rows,
-            projected,
         }
     }
 }

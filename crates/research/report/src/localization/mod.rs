@@ -9,14 +9,15 @@ mod worst;
 
 use maud::{Markup, html};
 
-pub use data::{LocalizationReport, MatchState, Method, QueryDrawing, QueryOutcome, SceneView, SentDrawing};
+use data::method_name;
+pub use data::{LocalizationReport, Method, QueryDrawing};
 pub(crate) use queries::{figure, section as queries_section};
 pub use worst::worst_first;
 
 use crate::heat;
-use crate::numbers::scheme_name;
 use crate::page::{Page, Section, fold};
-use crate::space::{self, Budget, SpaceRow};
+use crate::scene::SpaceRow;
+use crate::space::{self, Budget};
 
 /// Maximum number of map points and queries drawn in 3D, over all scenes of a page.
 const BUDGET: Budget = Budget { points: 24_000, queries: 1500 };
@@ -48,12 +49,6 @@ fn coverage(report: &LocalizationReport) -> Markup {
         .scenes
         .first()
         .map_or_else(Markup::default, |scene| heat::section(&report.heat, scene, report.unit))
-}
-
-/// Display name of a method.
-fn method_name(method: &Method) -> String {
-    let name = scheme_name(&method.scheme);
-    if method.variant.is_empty() { name } else { format!("{name} · {}", method.variant) }
 }
 
 /// Tables over all queries.

@@ -3,12 +3,13 @@
 use maud::{Markup, html};
 use veiloc_pose::State;
 
-use super::data::{LocalizationReport, MatchState, QueryDrawing, QueryOutcome, SentDrawing};
-use super::{method_name, worst_first};
+use super::data::{LocalizationReport, QueryDrawing, method_name};
+use super::worst::worst_first;
 use crate::drawing::{self, Rim};
 use crate::images::data_address;
 use crate::numbers::{LengthUnit, degrees, kilobytes, milliseconds, percent, scheme_name};
 use crate::page::{self, legend};
+use crate::scene::{MatchState, QueryOutcome, SentDrawing};
 use crate::table::{Table, cell, number, words};
 
 /// Maximum number of listed queries that are not drawn.

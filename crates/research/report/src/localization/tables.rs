@@ -5,8 +5,7 @@ use std::collections::BTreeSet;
 use maud::{Markup, html};
 use veiloc_evaluation::results::STAGES;
 
-use super::data::{LocalizationReport, Method};
-use super::method_name;
+use super::data::{LocalizationReport, Method, method_name};
 use crate::numbers::{
     LengthUnit, degrees, kilobytes, milliseconds, percent, scheme_explanation, significant,
 };

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::data::{Method, QueryOutcome};
+use super::data::Method;
+use crate::scene::QueryOutcome;
 
 /// Queries of a run, `(scene, name)`, worst first: first by the number of methods that did not localize them, then by
 /// the largest position error, or by the largest ± if the truth is unknown.

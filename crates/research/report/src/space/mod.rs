@@ -3,27 +3,12 @@
 mod payload;
 
 use maud::{Markup, PreEscaped, html};
-use veiloc_geometry::CameraFromWorld;
-use veiloc_geometry::nalgebra::Vector3;
 
-use crate::localization::{QueryOutcome, SceneView};
 use crate::numbers::LengthUnit;
-use crate::top_view::{self, TopView};
+use crate::scene::{SceneView, SpaceRow};
+use crate::top_view::{self, TopView, page_axes, up_of};
+pub(crate) use payload::Budget;
 use payload::payload;
-
-/// The queries of one method.
-pub(crate) struct SpaceRow<'a> {
-    /// Name of the method.
-    pub(crate) name: String,
-    pub(crate) outcomes: Vec<&'a QueryOutcome>,
-}
-
-/// Maximum numbers of drawn map points and queries.
-#[derive(Clone, Copy)]
-pub(crate) struct Budget {
-    pub(crate) points: usize,
-    pub(crate) queries: usize,
-}
 
 /// The drawing of a scene with its controls; empty if nothing is finite. `index` makes it unique on the page,
 /// `anchor` returns where on the page a query is drawn. The first row is shown first.
@@ -94,42 +79,4 @@ pub(crate) fn figure(
             script type="application/json" data-part="data" { (PreEscaped(drawn.json)) }
         }
     }
-}
-
-/// The directions of the map that point right and up on a page that shows the scene from above.
-pub(crate) fn page_axes(scene: &SceneView) -> (Vector3<f64>, Vector3<f64>) {
-    let up = up_of(scene);
-    let right = right_of(scene, up);
-    (right, up.cross(&right))
-}
-
-/// The up direction: that of the scene, or the mean up direction of its images.
-fn up_of(scene: &SceneView) -> Vector3<f64> {
-    let up = scene.up.map_or_else(
-        || {
-            let poses = scene.cameras.iter().filter(|pose| pose.is_finite());
-            poses.map(|pose| -(pose.rotation().inverse() * Vector3::y())).sum()
-        },
-        Vector3::from,
-    );
-    up.try_normalize(1e-9).unwrap_or_else(Vector3::z)
-}
-
-/// The direction of the scene's largest extent, seen from above: it is horizontal on the page.
-fn right_of(scene: &SceneView, up: Vector3<f64>) -> Vector3<f64> {
-    let centers = scene.cameras.iter().filter(|pose| pose.is_finite()).map(CameraFromWorld::center);
-    let centers: Vec<Vector3<f64>> = centers.map(|center| center.coords).collect();
-    let side = if up.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() };
-    let a = (side - up * up.dot(&side)).try_normalize(1e-9).unwrap_or_else(Vector3::x);
-    let b = up.cross(&a);
-    let middle = centers.iter().sum::<Vector3<f64>>() / centers.len().max(1) as f64;
-    let (mut aa, mut ab, mut bb) = (0.0, 0.0, 0.0);
-    for center in &centers {
-        let d = center - middle;
-        aa += d.dot(&a).powi(2);
-        ab += d.dot(&a) * d.dot(&b);
-        bb += d.dot(&b).powi(2);
-    }
-    let angle = 0.5 * f64::atan2(2.0 * ab, aa - bb);
-    a * angle.cos() + b * angle.sin()
 }

@@ -8,12 +8,18 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_pose::State;
 
-use super::{Budget, SpaceRow};
-use crate::localization::{QueryOutcome, SceneView};
 use crate::numbers::LengthUnit;
+use crate::scene::{QueryOutcome, SceneView, SpaceRow};
 
 /// Maximum number of drawn map cameras.
 const MAX_CAMERAS: usize = 600;
+
+/// Maximum numbers of drawn map points and queries.
+#[derive(Clone, Copy)]
+pub(crate) struct Budget {
+    pub(crate) points: usize,
+    pub(crate) queries: usize,
+}
 
 /// Data of one drawing.
 pub(super) struct Payload {
