@@ -7,7 +7,7 @@
 //! - [`attack_evaluation`]: what an attacker recovers from sealed queries.
 //! - [`make_problems`]: problems for the pose engine alone, which `veiloc_evaluation::pose` evaluates.
 //!
-//! Metrics, JSON documents and text tables are in `veiloc_evaluation::results`.
+//! Metrics, JSON documents and text tables are in `veiloc_evaluation::results`, HTML pages in [`report`].
 #![forbid(unsafe_code)]
 
 pub mod attack_evaluation;
@@ -15,6 +15,7 @@ mod error;
 mod make_problems;
 pub mod pipeline;
 pub mod pose;
+pub mod report;
 pub mod results;
 mod scene;
 

@@ -11,8 +11,10 @@ use super::document::AttackSummary;
 use super::neighbours::NeighbourSource;
 use super::options::{AttackEvaluation, PrivateRegion};
 use super::scene::Attacker;
+use veiloc_geometry::statistics::median;
+
 use crate::EvalError;
-use crate::results::metrics::{median, roc_auc};
+use crate::results::metrics::roc_auc;
 
 /// Errors over all images, with the gain over the prior-only baseline.
 #[derive(Debug, Clone, Default)]

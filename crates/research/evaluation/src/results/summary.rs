@@ -4,8 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use veiloc_pose::State;
 
+use veiloc_geometry::statistics::median;
+
 use crate::results::document::{LossStage, QueryResult, SchemeSummary, SeedSummary, SentSummary};
-use crate::results::metrics::{PoseErrors, Threshold, finite, mean, median, recall};
+use crate::results::metrics::{PoseErrors, Threshold, finite, mean, recall};
 use crate::results::uncertainty::{QueryUncertainty, TrustedUncertainty};
 
 /// Summarizes the queries of one row: one scheme and one configuration of the estimator, with any number of seeds.

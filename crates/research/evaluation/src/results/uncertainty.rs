@@ -5,9 +5,10 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
+use veiloc_geometry::statistics::median;
 
 use crate::results::coverage::{NormalizedError, shares};
-use crate::results::metrics::{finite, median};
+use crate::results::metrics::finite;
 
 /// The error of a pose relative to its covariance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -8,8 +8,8 @@ use std::time::Instant;
 use veiloc_evaluation::attack_evaluation::{
     Attack, AttackEvaluation, Audit, AuditOptions, PROTECTION, attacks_table, run_audit, strongest_table,
 };
+use veiloc_evaluation::report::audit_page;
 use veiloc_protocol::ExtractionLimits;
-use veiloc_report::audit_page;
 
 use crate::args::feature_args::ImageFeatureArgs;
 use crate::args::json_args::JsonArgs;

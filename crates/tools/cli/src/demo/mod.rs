@@ -80,7 +80,7 @@ pub(crate) fn run_demo(options: &DemoOptions, progress: &dyn Progress) -> Result
     };
     let page = page::page(&results, options, progress)?;
     let report = options.out.join("report.html");
-    std::fs::write(&report, veiloc_report::demo_page(&page))
+    std::fs::write(&report, veiloc_evaluation::report::demo_page(&page))
         .map_err(|source| DemoError::Io { path: report.clone(), source })?;
     let document = DemoDocument { evaluation: result, attacks: attacked.document };
     Ok(Demo { document, report })

@@ -5,10 +5,9 @@ use veiloc_features::Progress;
 use veiloc_map::MapFile;
 
 use veiloc_evaluation::attack_evaluation::Attack;
+use veiloc_evaluation::report::{DemoReport, DeviceQuery, add_scene, query_drawing};
 use veiloc_evaluation::results::{EvaluationDocument, SchemeSummary};
-use veiloc_report::{
-    Card, DemoReport, DeviceQuery, LengthUnit, LocalizationReport, QueryDrawing, SceneView, worst_first,
-};
+use veiloc_report::{Card, LengthUnit, LocalizationReport, SceneView, worst_first};
 
 use crate::demo::attack::AttackResults;
 use crate::demo::error::DemoError;
@@ -47,7 +46,7 @@ pub(crate) fn page(
         ..LocalizationReport::default()
     };
     let view = SceneView { up: Some([0.0, 0.0, 1.0]), ..SceneView::of_map("", map) };
-    run.add_scene(view, &evaluation.schemes, &evaluation.queries, &|name| scene.pose_of(name));
+    add_scene(&mut run, view, &evaluation.schemes, &evaluation.queries, &|name| scene.pose_of(name));
     let shown = scene.query_list.first().cloned();
     let mut names: Vec<String> = shown.into_iter().collect();
     for (_, name) in worst_first(&run.methods, &run.outcomes).into_iter().take(DRAWN) {
@@ -56,7 +55,7 @@ pub(crate) fn page(
         }
     }
     let drawn = drawn_queries(scene_evaluation, map, &names, progress)?;
-    run.drawings = drawn.iter().map(|query| QueryDrawing::of(query, 0, map, true)).collect();
+    run.drawings = drawn.iter().map(|query| query_drawing(query, 0, map, true)).collect();
     Ok(DemoReport {
         run,
         seen: drawn.first().map(seen).transpose()?,

@@ -13,8 +13,9 @@ use serde::Serialize;
 use veiloc_features::Progress;
 
 use super::{Attack, AttackDocument, AttackEvaluation, NeighbourSource, StrongestAttacks, evaluate_attacks};
+use veiloc_geometry::statistics::median;
+
 use crate::EvalError;
-use crate::results::metrics::median;
 pub use protection::PROTECTION;
 pub use shown_images::{ShownAttack, ShownImage, ShownImages, ShownScheme};
 

@@ -8,7 +8,9 @@ use super::attack::{AttackedKeypoints, Method};
 use super::device::SealedSession;
 use super::motion::Motion;
 use super::{Condition, SessionsEvaluation};
-use crate::results::metrics::{finite, median};
+use veiloc_geometry::statistics::median;
+
+use crate::results::metrics::finite;
 use crate::results::{MapSummary, SchemeSummary};
 
 /// Poses of single frames, and leakage of several frames of a session.

@@ -3,13 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
+use veiloc_evaluation::report::{add_scene, query_drawing};
 use veiloc_evaluation::results::{QueryResult, SchemeSummary};
 use veiloc_evaluation::{DrawnQuery, SceneEvaluation, drawn_queries};
 use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
 use veiloc_map::MapFile;
-use veiloc_report::{
-    LengthUnit, LocalizationReport, QueryDrawing, SceneView, localization_page, worst_first,
-};
+use veiloc_report::{LengthUnit, LocalizationReport, SceneView, localization_page, worst_first};
 
 use crate::args::report_args::ReportFileArgs;
 use crate::commands::audit::command_line;
@@ -82,13 +81,13 @@ impl HtmlReport {
         let judged = |query: &str| evaluation.query_list.iter().any(|name| name == query);
         let truth =
             |query: &str| evaluation.posed.get(query).filter(|_| judged(query)).map(|i| i.cam_from_world);
-        self.run.add_scene(SceneView::of_map(name, &map), methods, queries, &truth);
+        add_scene(&mut self.run, SceneView::of_map(name, &map), methods, queries, &truth);
         let worst = worst_first(&self.run.methods, &self.run.outcomes).into_iter();
         let names: Vec<String> =
             worst.filter(|(at, _)| *at == scene).map(|(_, name)| name).take(self.each).collect();
         for drawn in drawn_queries(evaluation, &map, &names, &Stages::new(ui))? {
             self.add_deviations(scene, &drawn);
-            self.run.drawings.push(QueryDrawing::of(&drawn, scene, &map, self.images));
+            self.run.drawings.push(query_drawing(&drawn, scene, &map, self.images));
         }
         Ok(())
     }

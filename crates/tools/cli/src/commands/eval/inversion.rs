@@ -8,8 +8,8 @@ use veiloc_evaluation::attack_evaluation::inversion::{
     Classifier, Detector, ImageMetrics, InversionEvaluation, InversionNetwork, PerceptualDistance,
     evaluate_inversion, evaluation_table,
 };
+use veiloc_evaluation::report::inversion_page;
 use veiloc_protocol::{ExtractionLimits, Scheme};
-use veiloc_report::inversion_page;
 
 use crate::args::feature_args::ImageFeatureArgs;
 use crate::args::json_args::JsonArgs;

@@ -1,15 +1,15 @@
 //! The report of `veiloc audit`: what attackers recover from sealed queries, for operators, developers and reviewers.
 
-use maud::{Markup, html};
-use veiloc_evaluation::attack_evaluation::{
+use crate::attack_evaluation::{
     Attack, Audit, AuditOptions, AuditPart, PROTECTION, ShownAttack, ShownImage, ShownImages, ShownScheme,
 };
+use maud::{Markup, html};
 use veiloc_protocol::Scheme;
 
-use crate::attacks::{gallery, needs, schemes, summary, table};
-use crate::drawing::{AttackFigures, error_legend};
-use crate::numbers::{capital, count, scheme_name};
-use crate::page::{Page, Section, fold};
+use super::attack_figures::{AttackFigures, error_legend};
+use super::attacks::{gallery, needs, schemes, summary, table};
+use veiloc_report::numbers::{capital, count, scheme_name};
+use veiloc_report::page::{Page, Section, fold};
 
 /// Keypoints of the paper's synthetic scene, and how many of them its attack recovered to under 30 px.
 const PAPER_KEYPOINTS: usize = 1500;

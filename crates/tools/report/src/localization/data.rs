@@ -1,7 +1,8 @@
 //! Data of a localization report, filled by the caller.
 
+use std::collections::BTreeMap;
+
 use image::RgbImage;
-use veiloc_evaluation::results::SchemeSummary;
 
 use crate::heat::HeatMap;
 use crate::numbers::{LengthUnit, scheme_name};
@@ -24,6 +25,8 @@ pub struct LocalizationReport {
     pub unit: LengthUnit,
     /// Rows of the table: methods, scene by scene.
     pub methods: Vec<Method>,
+    /// Stages of a query in the order of processing: the columns of the times.
+    pub stages: Vec<String>,
     /// The result of every query by every method.
     pub outcomes: Vec<QueryOutcome>,
     /// The scenes.
@@ -48,7 +51,40 @@ pub struct Method {
     /// Display text that distinguishes the method from others with the same scheme; may be empty.
     pub variant: String,
     /// Its figures, if there are any.
-    pub summary: Option<SchemeSummary>,
+    pub figures: Option<MethodFigures>,
+}
+
+/// Figures of a method over its queries. An absent figure leaves its cell empty.
+#[derive(Debug, Clone, Default)]
+pub struct MethodFigures {
+    /// Number of queries.
+    pub queries: usize,
+    /// Number of localized ones.
+    pub localized: usize,
+    /// Number of trusted poses; absent if trust was not evaluated.
+    pub trusted: Option<usize>,
+    /// Number of trusted poses outside every threshold.
+    pub trusted_wrong: Option<usize>,
+    /// Number of doubtful poses.
+    pub doubtful: Option<usize>,
+    /// Number of queries without a pose.
+    pub not_found: Option<usize>,
+    /// Median position error.
+    pub median_translation: Option<f64>,
+    /// Median orientation error, degrees.
+    pub median_rotation_deg: Option<f64>,
+    /// Share of the queries within each threshold, `translation/degrees`.
+    pub recall: BTreeMap<String, f64>,
+    /// Mean share of inliers among the matches.
+    pub mean_inlier_ratio: Option<f64>,
+    /// Bytes of a sealed query.
+    pub sealed_bytes: Option<usize>,
+    /// Median of the position error over its ±.
+    pub error_over_sd: Option<f64>,
+    /// Share of the true poses in the 90 % confidence region.
+    pub within_90: Option<f64>,
+    /// Median time of each stage, ms.
+    pub median_ms: BTreeMap<String, f64>,
 }
 
 /// A query with its sent rows.

@@ -1,14 +1,14 @@
 //! Results of attacks: the strongest on each scheme, all attacks, and figures of one image.
 
-use maud::{Markup, html};
-use veiloc_evaluation::attack_evaluation::{
+use crate::attack_evaluation::{
     Attack, AttackDocument, AttackSummary, Knowledge, Neighbours, ShownImage, StrongestAttacks,
 };
+use maud::{Markup, html};
 
-use crate::drawing::{AttackFigures, error_legend};
-use crate::numbers::{capital, milliseconds, percent, pixels, scheme_name};
-use crate::page::{facts, fold};
-use crate::table::{Cell, Table, bar, cell, number, words};
+use super::attack_figures::{AttackFigures, error_legend};
+use veiloc_report::numbers::{capital, milliseconds, percent, pixels, scheme_name};
+use veiloc_report::page::{facts, fold};
+use veiloc_report::table::{Cell, Table, bar, cell, number, words};
 
 /// An attack has recovered the keypoints when their median error is below this, pixels.
 const RECOVERED_PX: f64 = 10.0;
@@ -16,13 +16,13 @@ const RECOVERED_PX: f64 = 10.0;
 const MIN_GAIN: f64 = 0.005;
 
 /// Schemes in the order of the document.
-pub(crate) fn schemes(document: &AttackDocument) -> Vec<&str> {
+pub(super) fn schemes(document: &AttackDocument) -> Vec<&str> {
     let baselines = document.attacks.iter().filter(|row| row.attack == Attack::PRIOR);
     baselines.map(|row| row.scheme.as_str()).collect()
 }
 
 /// The strongest attacks on each scheme, with an explanation.
-pub(crate) fn summary(document: &AttackDocument) -> Markup {
+pub(super) fn summary(document: &AttackDocument) -> Markup {
     let columns = vec![
         words("Scheme"),
         words("Attacker"),
@@ -104,7 +104,7 @@ fn bits(row: &AttackSummary) -> Cell {
 
 /// All attacks on all schemes; for each scheme, first those without an oracle. `bending`: one value per row of the
 /// document, or empty.
-pub(crate) fn table(document: &AttackDocument, bending: &[f64]) -> Markup {
+pub(super) fn table(document: &AttackDocument, bending: &[f64]) -> Markup {
     let columns = vec![
         words("Scheme"),
         words("Attack"),
@@ -164,7 +164,7 @@ pub(crate) fn table(document: &AttackDocument, bending: &[f64]) -> Markup {
 }
 
 /// What each attack of a document requires beside the query.
-pub(crate) fn needs(document: &AttackDocument) -> Markup {
+pub(super) fn needs(document: &AttackDocument) -> Markup {
     let mut attacks: Vec<Attack> = Vec::new();
     for row in &document.attacks {
         if !attacks.contains(&row.attack) {
@@ -192,7 +192,7 @@ pub(crate) fn needs(document: &AttackDocument) -> Markup {
 }
 
 /// One image under every scheme and attack, in small figures. `id` makes its element ids unique on the page.
-pub(crate) fn gallery(shown: &ShownImage, document: &AttackDocument, id: &str) -> Markup {
+pub(super) fn gallery(shown: &ShownImage, document: &AttackDocument, id: &str) -> Markup {
     let figures = AttackFigures::new(shown, id);
     html! {
         (figures.shared())

@@ -26,22 +26,23 @@ pub struct Card {
 
 /// A report as a page.
 #[derive(Default)]
-pub(crate) struct Page<'a> {
+pub struct Page<'a> {
     /// Heading and browser title.
-    pub(crate) title: &'a str,
+    pub title: &'a str,
     /// One or two sentences below it.
-    pub(crate) lead: &'a str,
+    pub lead: &'a str,
     /// Warnings about the file's content.
-    pub(crate) notices: Vec<Markup>,
-    pub(crate) cards: &'a [Card],
+    pub notices: Vec<Markup>,
+    /// A few large numbers.
+    pub cards: &'a [Card],
     /// Sections without a body are left out.
-    pub(crate) sections: Vec<Section>,
+    pub sections: Vec<Section>,
     /// Name and value of information for a repetition.
-    pub(crate) facts: &'a [(String, String)],
+    pub facts: &'a [(String, String)],
 }
 
 /// A section of a page.
-pub(crate) struct Section {
+pub struct Section {
     /// Its anchor.
     id: &'static str,
     title: String,
@@ -49,14 +50,15 @@ pub(crate) struct Section {
 }
 
 impl Section {
-    pub(crate) fn new(id: &'static str, title: impl Into<String>, body: Markup) -> Self {
+    /// A section with this anchor.
+    pub fn new(id: &'static str, title: impl Into<String>, body: Markup) -> Self {
         Self { id, title: title.into(), body }
     }
 }
 
 impl Page<'_> {
     /// The page as one HTML document.
-    pub(crate) fn html(mut self) -> String {
+    pub fn html(mut self) -> String {
         self.sections.push(Section::new("repeat", "To repeat this", facts(self.facts)));
         self.sections.retain(|section| !section.body.0.is_empty());
         let has_script = self.sections.iter().any(|section| section.body.0.contains("<canvas"));
@@ -113,7 +115,7 @@ fn cards(cards: &[Card]) -> Markup {
 }
 
 /// Names and values.
-pub(crate) fn facts(facts: &[(String, String)]) -> Markup {
+pub fn facts(facts: &[(String, String)]) -> Markup {
     html! {
         @if !facts.is_empty() {
             dl { @for (name, value) in facts { dt { (name) } dd { (value) } } }
@@ -122,19 +124,19 @@ pub(crate) fn facts(facts: &[(String, String)]) -> Markup {
 }
 
 /// Collapsible content.
-pub(crate) fn fold(summary: &str, open: bool, body: &Markup) -> Markup {
+pub fn fold(summary: &str, open: bool, body: &Markup) -> Markup {
     html! {
         @if !body.0.is_empty() { details.fold open[open] { summary { h3 { (summary) } } (body) } }
     }
 }
 
 /// A picture with its caption.
-pub(crate) fn figure(picture: &Markup, caption: &Markup) -> Markup {
+pub fn figure(picture: &Markup, caption: &Markup) -> Markup {
     html! { figure { (picture) figcaption { (caption) } } }
 }
 
 /// A legend: for each entry a mark of this class and its meaning.
-pub(crate) fn legend(entries: &[(&str, &str)]) -> Markup {
+pub fn legend(entries: &[(&str, &str)]) -> Markup {
     html! {
         ul.legend {
             @for (class, meaning) in entries {

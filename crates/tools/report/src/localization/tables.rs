@@ -3,7 +3,6 @@
 use std::collections::BTreeSet;
 
 use maud::{Markup, html};
-use veiloc_evaluation::results::STAGES;
 
 use super::data::{LocalizationReport, Method, method_name};
 use crate::numbers::{
@@ -14,7 +13,7 @@ use crate::table::{Cell, Table, bar, cell, number, words};
 /// Methods with figures, grouped by scene and condition.
 pub(super) fn groups(report: &LocalizationReport) -> Vec<(String, Vec<&Method>)> {
     let mut groups: Vec<(String, Vec<&Method>)> = Vec::new();
-    for method in report.methods.iter().filter(|method| method.summary.is_some()) {
+    for method in report.methods.iter().filter(|method| method.figures.is_some()) {
         let scene = report.scenes.get(method.scene).map_or("", |scene| scene.name.as_str());
         let shared = [scene, method.condition.as_deref().unwrap_or_default()];
         let heading = shared.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(", ");
@@ -28,7 +27,7 @@ pub(super) fn groups(report: &LocalizationReport) -> Vec<(String, Vec<&Method>)>
 
 /// Errors and recall.
 pub(super) fn errors(methods: &[&Method], unit: LengthUnit) -> Markup {
-    let keys = methods.iter().filter_map(|m| m.summary.as_ref()).flat_map(|summary| summary.recall.keys());
+    let keys = methods.iter().filter_map(|m| m.figures.as_ref()).flat_map(|figures| figures.recall.keys());
     let mut bounds: Vec<&String> = keys.collect::<BTreeSet<_>>().into_iter().collect();
     let length = |bound: &str| bound.split_once('/').and_then(|(t, _)| t.parse::<f64>().ok());
     bounds.sort_by(|a, b| length(a).unwrap_or(f64::INFINITY).total_cmp(&length(b).unwrap_or(f64::INFINITY)));
@@ -42,21 +41,21 @@ pub(super) fn errors(methods: &[&Method], unit: LengthUnit) -> Markup {
     columns.extend([number("Inliers of\nmatches"), number("Query\nsize")]);
     let mut table = Table::new("Errors and recall", columns);
     for method in methods {
-        let Some(summary) = &method.summary else { continue };
+        let Some(figures) = &method.figures else { continue };
         let lost = || Some(html! { span.none { "not localized" } });
         let error = |text: Option<String>| cell(text).or_else(lost);
         let finite = |value: Option<f64>| value.filter(|v| v.is_finite());
         let mut cells = vec![
-            cell(format!("{} of {}", summary.localized, summary.queries)),
-            error(finite(summary.median_translation).map(|e| unit.length(e))),
-            error(finite(summary.median_rotation_deg).map(degrees)),
+            cell(format!("{} of {}", figures.localized, figures.queries)),
+            error(finite(figures.median_translation).map(|e| unit.length(e))),
+            error(finite(figures.median_rotation_deg).map(degrees)),
         ];
         cells.extend(bounds.iter().map(|bound| {
-            let share = *summary.recall.get(*bound)?;
+            let share = *figures.recall.get(*bound)?;
             Some(html! { (percent(share)) (bar(share)) })
         }));
-        cells.push(cell(summary.mean_inlier_ratio.map(percent)));
-        cells.push(cell(summary.sealed_bytes.map(|bytes| kilobytes(bytes as f64))));
+        cells.push(cell(figures.mean_inlier_ratio.map(percent)));
+        cells.push(cell(figures.sealed_bytes.map(|bytes| kilobytes(bytes as f64))));
         let head = html! { (method_name(method)) small { (scheme_explanation(&method.scheme)) } };
         table.push("", head, cells);
     }
@@ -82,19 +81,18 @@ pub(super) fn trust(methods: &[&Method]) -> Markup {
     ];
     let mut table = Table::new("Trust", columns);
     for method in methods {
-        let Some(summary) = method.summary.as_ref().filter(|summary| summary.trusted.is_some()) else {
+        let Some(figures) = method.figures.as_ref().filter(|figures| figures.trusted.is_some()) else {
             continue;
         };
         let count = |n: Option<usize>| cell(n.map(|n| n.to_string()));
-        let wrong = summary.trusted_wrong.map(|n| html! { span.leak[n > 0] { (n) } });
-        let known = summary.uncertainty.as_ref();
+        let wrong = figures.trusted_wrong.map(|n| html! { span.leak[n > 0] { (n) } });
         let cells: Vec<Cell> = vec![
-            count(summary.trusted),
+            count(figures.trusted),
             wrong,
-            count(summary.doubtful),
-            count(summary.not_found),
-            cell(known.and_then(|u| u.center_error_over_sd).map(significant)),
-            cell(known.and_then(|u| u.coverage.get("90").copied()).map(percent)),
+            count(figures.doubtful),
+            count(figures.not_found),
+            cell(figures.error_over_sd.map(significant)),
+            cell(figures.within_90.map(percent)),
         ];
         table.push("", html! { (method_name(method)) }, cells);
     }
@@ -102,20 +100,21 @@ pub(super) fn trust(methods: &[&Method]) -> Markup {
 }
 
 /// Median time of each stage, in the order of the pipeline.
-pub(super) fn stage_times(methods: &[&Method]) -> Markup {
+pub(super) fn stage_times(methods: &[&Method], stages: &[String]) -> Markup {
     let known: BTreeSet<&String> =
-        methods.iter().filter_map(|m| m.summary.as_ref()).flat_map(|s| s.median_ms.keys()).collect();
-    let order = |stage: &str| STAGES.iter().position(|known| *known == stage).unwrap_or(STAGES.len());
-    let mut stages: Vec<&String> = known.into_iter().collect();
-    stages.sort_by_key(|stage| order(stage));
-    if stages.is_empty() {
+        methods.iter().filter_map(|m| m.figures.as_ref()).flat_map(|s| s.median_ms.keys()).collect();
+    let order = |stage: &str| stages.iter().position(|known| known == stage).unwrap_or(stages.len());
+    let mut columns: Vec<&String> = known.into_iter().collect();
+    columns.sort_by_key(|stage| order(stage));
+    if columns.is_empty() {
         return html! {};
     }
-    let columns = std::iter::once(words("Scheme")).chain(stages.iter().map(|stage| number(stage.as_str())));
-    let mut table = Table::new("Times", columns.collect());
+    let heads = std::iter::once(words("Scheme")).chain(columns.iter().map(|stage| number(stage.as_str())));
+    let mut table = Table::new("Times", heads.collect());
     for method in methods {
-        let Some(summary) = &method.summary else { continue };
-        let cells = stages.iter().map(|stage| cell(summary.median_ms.get(*stage).copied().map(milliseconds)));
+        let Some(figures) = &method.figures else { continue };
+        let cells =
+            columns.iter().map(|stage| cell(figures.median_ms.get(*stage).copied().map(milliseconds)));
         table.push("", html! { (method_name(method)) }, cells.collect());
     }
     table.html()

@@ -3,9 +3,9 @@
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
-use veiloc_evaluation::results::metrics::median;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::Vector3;
+use veiloc_geometry::statistics::median;
 use veiloc_pose::State;
 
 use crate::numbers::LengthUnit;

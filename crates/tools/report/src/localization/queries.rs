@@ -20,7 +20,8 @@ pub(super) fn anchor(drawing: usize) -> String {
     format!("query-{drawing}")
 }
 
-pub(crate) fn section(report: &LocalizationReport) -> Markup {
+/// The queries: drawings of some, and a line for each other one.
+pub fn section(report: &LocalizationReport) -> Markup {
     let order = worst_first(&report.methods, &report.outcomes);
     let at = |(scene, name): &(usize, String)| {
         report.drawings.iter().position(|drawing| drawing.scene == *scene && drawing.name == *name)
@@ -83,7 +84,7 @@ fn image(drawing: &QueryDrawing, id: &str, size: (u32, u32)) -> Markup {
 }
 
 /// The rows sent under a scheme, coloured by their matches.
-pub(crate) fn figure(drawing: &SentDrawing, backdrop: &Markup) -> Markup {
+pub fn figure(drawing: &SentDrawing, backdrop: &Markup) -> Markup {
     let name = scheme_name(&drawing.scheme);
     let count = |state| drawing.rows.iter().filter(|row| **row == state).count();
     let (inliers, outliers) = (count(MatchState::Inlier), count(MatchState::Outlier));

@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 
 /// A table under construction.
-pub(crate) struct Table {
+pub struct Table {
     label: String,
     /// The first column holds the rows' headers.
     columns: Vec<Column>,
@@ -11,14 +11,14 @@ pub(crate) struct Table {
 }
 
 /// Header of a column.
-pub(crate) struct Column {
+pub struct Column {
     /// A newline is a line break.
     name: String,
     is_text: bool,
 }
 
 /// Content of a cell; a dash if empty.
-pub(crate) type Cell = Option<Markup>;
+pub type Cell = Option<Markup>;
 
 struct Row {
     class: &'static str,
@@ -27,34 +27,34 @@ struct Row {
 }
 
 /// A column of numbers.
-pub(crate) fn number(name: impl Into<String>) -> Column {
+pub fn number(name: impl Into<String>) -> Column {
     Column { name: name.into(), is_text: false }
 }
 
 /// A column of text.
-pub(crate) fn words(name: impl Into<String>) -> Column {
+pub fn words(name: impl Into<String>) -> Column {
     Column { name: name.into(), is_text: true }
 }
 
 /// A cell with a text.
-pub(crate) fn cell(text: impl Into<Option<String>>) -> Cell {
+pub fn cell(text: impl Into<Option<String>>) -> Cell {
     text.into().map(|text| html! { (text) })
 }
 
 impl Table {
     /// `label`: accessible name of the table.
-    pub(crate) fn new(label: impl Into<String>, columns: Vec<Column>) -> Self {
+    pub fn new(label: impl Into<String>, columns: Vec<Column>) -> Self {
         Self { label: label.into(), columns, rows: Vec::new() }
     }
 
     /// Adds a row. `class`: its CSS class, may be empty.
-    pub(crate) fn push(&mut self, class: &'static str, head: Markup, cells: Vec<Cell>) {
+    pub fn push(&mut self, class: &'static str, head: Markup, cells: Vec<Cell>) {
         debug_assert_eq!(cells.len() + 1, self.columns.len(), "{}", self.label);
         self.rows.push(Row { class, head, cells });
     }
 
     /// The table; empty without rows.
-    pub(crate) fn html(&self) -> Markup {
+    pub fn html(&self) -> Markup {
         let is_filled = |column: usize| self.rows.iter().any(|row| row.cells[column].is_some());
         let shown: Vec<usize> = (0..self.columns.len() - 1).filter(|column| is_filled(*column)).collect();
         let class = |column: &Column| column.is_text.then_some("words");
@@ -96,7 +96,7 @@ fn head(column: &Column) -> Markup {
 }
 
 /// A bar whose length is the share; an SVG, since the page's policy forbids inline styles.
-pub(crate) fn bar(share: f64) -> Markup {
+pub fn bar(share: f64) -> Markup {
     let width = 46.0 * if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 };
     html! {
         svg.bar viewBox="0 0 46 7" aria-hidden="true" {

@@ -13,7 +13,7 @@ const MAX_SIDE: u32 = 720;
 
 /// The image of `from` in the camera `to`, reduced to at most 720 pixels a side; black outside the view of `from`.
 /// Empty for an empty image or camera.
-pub(crate) fn undistorted(image: &RgbImage, from: &Intrinsics, to: &Pinhole) -> RgbImage {
+pub fn undistorted(image: &RgbImage, from: &Intrinsics, to: &Pinhole) -> RgbImage {
     let (width, height) = reduced(to.width, to.height);
     let (w, h) = image.dimensions();
     if w == 0 || h == 0 || to.width == 0 || to.height == 0 || from.width == 0 || from.height == 0 {
@@ -33,7 +33,7 @@ pub(crate) fn undistorted(image: &RgbImage, from: &Intrinsics, to: &Pinhole) -> 
 }
 
 /// A size with the same aspect ratio, at most [`MAX_SIDE`] a side.
-pub(crate) fn reduced(width: u32, height: u32) -> (u32, u32) {
+pub fn reduced(width: u32, height: u32) -> (u32, u32) {
     let shrink = (f64::from(MAX_SIDE) / f64::from(width.max(height).max(1))).min(1.0);
     let size = |n: u32| ((f64::from(n) * shrink).round() as u32).max(1);
     (size(width), size(height))
@@ -61,7 +61,7 @@ fn sample(image: &RgbImage, x: f64, y: f64) -> Rgb<u8> {
 const MAX_EMBEDDED_SIDE: u32 = 1000;
 
 /// A `data:` address of the image as JPEG; `None` for an empty image.
-pub(crate) fn data_address(image: &RgbImage) -> Option<String> {
+pub fn data_address(image: &RgbImage) -> Option<String> {
     let (w, h) = image.dimensions();
     let shrink = (f64::from(MAX_EMBEDDED_SIDE) / f64::from(w.max(h).max(1))).min(1.0);
     let size = |n: u32| ((f64::from(n) * shrink) as u32).max(1);
@@ -79,7 +79,7 @@ pub(crate) fn data_address(image: &RgbImage) -> Option<String> {
 
 /// A `data:` address of a small image as lossless PNG; `pixels`: `[height, width, 3]`. `None` for an empty image, and
 /// for a wrong number of pixels.
-pub(crate) fn lossless_address([width, height]: [u32; 2], pixels: &[u8]) -> Option<String> {
+pub fn lossless_address([width, height]: [u32; 2], pixels: &[u8]) -> Option<String> {
     let wanted = u64::from(width) * u64::from(height) * 3;
     if wanted == 0 || pixels.len() as u64 != wanted {
         return None;

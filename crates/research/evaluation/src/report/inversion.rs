@@ -1,15 +1,15 @@
 //! The report of `veiloc eval inversion`: the paper's Table 1, and each image beside the images reconstructed from
 //! its descriptors.
 
-use maud::{Markup, html};
-use veiloc_evaluation::attack_evaluation::inversion::{
+use crate::attack_evaluation::inversion::{
     ContactSheet, InversionDocument, NetworkRow, ReconstructionRow, SummaryRow, Tile,
 };
+use maud::{Markup, html};
 
-use crate::images::lossless_address;
-use crate::numbers::{capital, count, percent, pixels, scheme_name};
-use crate::page::{Card, Page, Section, figure, fold};
-use crate::table::{Cell, Table, cell, number, words};
+use veiloc_report::images::lossless_address;
+use veiloc_report::numbers::{capital, count, percent, pixels, scheme_name};
+use veiloc_report::page::{Card, Page, Section, figure, fold};
+use veiloc_report::table::{Cell, Table, cell, number, words};
 
 /// A column of the table: its header, and the cell of a row.
 type Measure = (&'static str, fn(&SummaryRow, &[SummaryRow]) -> Cell);

@@ -14,7 +14,7 @@ pub enum LengthUnit {
 
 impl LengthUnit {
     /// A length: three significant digits in map units, or metres with unit.
-    pub(crate) fn length(self, value: f64) -> String {
+    pub fn length(self, value: f64) -> String {
         match self {
             _ if !value.is_finite() => "–".to_owned(),
             Self::Map => significant(value),
@@ -34,7 +34,7 @@ impl LengthUnit {
     }
 
     /// Header of a column of lengths.
-    pub(crate) fn head(self, name: &str) -> String {
+    pub fn head(self, name: &str) -> String {
         match self {
             Self::Map => format!("{name}\n(map units)"),
             Self::Metres => name.to_owned(),
@@ -56,12 +56,12 @@ pub fn significant(value: f64) -> String {
 }
 
 /// An angle in degrees.
-pub(crate) fn degrees(value: f64) -> String {
+pub fn degrees(value: f64) -> String {
     if value.is_finite() { format!("{}°", significant(value)) } else { "–".to_owned() }
 }
 
 /// A distance in the image.
-pub(crate) fn pixels(value: f64) -> String {
+pub fn pixels(value: f64) -> String {
     match value {
         v if !v.is_finite() => "–".to_owned(),
         v if v < 100.0 => format!("{v:.1} px"),
@@ -70,7 +70,7 @@ pub(crate) fn pixels(value: f64) -> String {
 }
 
 /// A share as percent.
-pub(crate) fn percent(share: f64) -> String {
+pub fn percent(share: f64) -> String {
     match share {
         s if !s.is_finite() => "–".to_owned(),
         s if s > 0.0 && s < 0.1 => format!("{:.1} %", 100.0 * s),
@@ -79,17 +79,17 @@ pub(crate) fn percent(share: f64) -> String {
 }
 
 /// Milliseconds.
-pub(crate) fn milliseconds(value: f64) -> String {
+pub fn milliseconds(value: f64) -> String {
     if value.is_finite() { format!("{} ms", significant(value)) } else { "–".to_owned() }
 }
 
 /// Bytes in kilobytes.
-pub(crate) fn kilobytes(bytes: f64) -> String {
+pub fn kilobytes(bytes: f64) -> String {
     format!("{} kB", significant(bytes / 1e3))
 }
 
 /// A number with its noun: `1 image`, `2 images`; plural of query: `queries`.
-pub(crate) fn count(n: usize, what: &str) -> String {
+pub fn count(n: usize, what: &str) -> String {
     match (n, what.strip_suffix('y')) {
         (1, _) => format!("1 {what}"),
         (_, Some(stem)) => format!("{n} {stem}ies"),
@@ -98,13 +98,13 @@ pub(crate) fn count(n: usize, what: &str) -> String {
 }
 
 /// The text with a capital first letter.
-pub(crate) fn capital(text: &str) -> String {
+pub fn capital(text: &str) -> String {
     let mut chars = text.chars();
     chars.next().map_or_else(String::new, |c| c.to_uppercase().collect::<String>() + chars.as_str())
 }
 
 /// Display name of a scheme, with its layout. Other texts are returned unchanged.
-pub(crate) fn scheme_name(scheme: &str) -> String {
+pub fn scheme_name(scheme: &str) -> String {
     let setting = scheme.split_once(':').map(|(_, setting)| setting);
     match (scheme.parse::<Scheme>(), setting) {
         (Ok(known), None) => known.words().to_owned(),
@@ -114,7 +114,7 @@ pub(crate) fn scheme_name(scheme: &str) -> String {
 }
 
 /// A sentence that explains a scheme; empty for other texts.
-pub(crate) fn scheme_explanation(scheme: &str) -> &'static str {
+pub fn scheme_explanation(scheme: &str) -> &'static str {
     scheme.parse::<Scheme>().map_or("", Scheme::explanation)
 }
 

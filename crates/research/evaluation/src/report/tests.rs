@@ -3,18 +3,23 @@
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
+use crate::attack_evaluation::{
+    Attack, AttackEvaluation, AttackSummary, Audit, AuditOptions, ImageGroup, PROTECTION, run_audit,
+};
+use crate::results::SchemeSummary;
 use image::{Rgb, RgbImage};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_datasets::problem_files::{KeypointImage, synthetic_image};
-use veiloc_evaluation::attack_evaluation::{
-    Attack, AttackEvaluation, AttackSummary, Audit, AuditOptions, ImageGroup, PROTECTION, run_audit,
-};
-use veiloc_evaluation::results::SchemeSummary;
 use veiloc_geometry::{CameraFromWorld, Pixel, PixelLine};
 use veiloc_pose::State;
 use veiloc_protocol::{Observations, Scheme};
 use veiloc_synthetic::{PathOptions, RenderedRoom};
+
+use veiloc_report::{
+    Card, LengthUnit, LocalizationReport, MatchState, Method, QueryDrawing, QueryOutcome, SceneView,
+    SentDrawing, localization_page, worst_first,
+};
 
 use super::*;
 
@@ -110,7 +115,7 @@ fn made() -> DemoReport {
     }
     let method = |scheme: &str, error| Method {
         scheme: scheme.into(),
-        summary: Some(summary(scheme, error)),
+        figures: Some(fill::figures_of(&summary(scheme, error))),
         ..Method::default()
     };
     let image = RgbImage::from_fn(640, 480, |x, y| Rgb([x as u8, y as u8, 90]));
@@ -330,9 +335,9 @@ fn names_are_escaped() {
         method.scheme = HOSTILE.into();
         method.variant = HOSTILE.into();
         method.condition = Some(HOSTILE.into());
-        let summary = method.summary.as_mut().expect("a summary");
-        summary.median_ms.insert(HOSTILE.into(), 1.0);
-        summary.recall.insert(HOSTILE.into(), 1.0);
+        let figures = method.figures.as_mut().expect("figures");
+        figures.median_ms.insert(HOSTILE.into(), 1.0);
+        figures.recall.insert(HOSTILE.into(), 1.0);
     }
     for outcome in &mut run.outcomes {
         outcome.name = HOSTILE.into();
@@ -365,7 +370,11 @@ fn empty_reports_and_invalid_numbers_give_pages() {
     };
     let summary = SchemeSummary { median_rotation_deg: Some(f64::NAN), ..summary("points", None) };
     let mut run = LocalizationReport {
-        methods: vec![Method { scheme: "points".into(), summary: Some(summary), ..Method::default() }],
+        methods: vec![Method {
+            scheme: "points".into(),
+            figures: Some(fill::figures_of(&summary)),
+            ..Method::default()
+        }],
         outcomes: vec![QueryOutcome { method: 9, ..broken.clone() }, broken],
         scenes: vec![SceneView { points: vec![[f64::NAN; 3], [1.0, 2.0, 3.0]], ..SceneView::default() }],
         drawings: vec![QueryDrawing {

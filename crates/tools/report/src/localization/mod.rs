@@ -1,8 +1,8 @@
 //! The report of localized queries: tables over all queries, the scenes in 3D, queries worst first. The demo's report
 //! uses its parts too.
 
+mod cards;
 mod data;
-mod fill;
 mod queries;
 mod tables;
 mod worst;
@@ -10,8 +10,8 @@ mod worst;
 use maud::{Markup, html};
 
 use data::method_name;
-pub use data::{LocalizationReport, Method, QueryDrawing};
-pub(crate) use queries::{figure, section as queries_section};
+pub use data::{LocalizationReport, Method, MethodFigures, QueryDrawing};
+pub use queries::{figure, section as queries_section};
 pub use worst::worst_first;
 
 use crate::heat;
@@ -40,7 +40,8 @@ pub fn localization_page(report: &LocalizationReport) -> String {
     page.html()
 }
 
-pub(crate) fn scene_title(report: &LocalizationReport) -> &'static str {
+/// Heading of the drawings of the scenes.
+pub fn scene_title(report: &LocalizationReport) -> &'static str {
     if report.scenes.len() > 1 { "The scenes in 3D" } else { "The scene in 3D" }
 }
 
@@ -52,7 +53,7 @@ fn coverage(report: &LocalizationReport) -> Markup {
 }
 
 /// Tables over all queries.
-pub(crate) fn overview(report: &LocalizationReport) -> Markup {
+pub fn overview(report: &LocalizationReport) -> Markup {
     let groups = tables::groups(report);
     if groups.is_empty() {
         return html! {};
@@ -78,12 +79,12 @@ pub(crate) fn overview(report: &LocalizationReport) -> Markup {
             p { "A pose is trusted, doubtful or not found. A trusted pose outside every bound of the table above is wrong." }
             (trust)
         }
-        (fold("Time of a query, median of each stage", false, &each(&|methods| tables::stage_times(methods))))
+        (fold("Time of a query, median of each stage", false, &each(&|methods| tables::stage_times(methods, &report.stages))))
     }
 }
 
 /// Each scene in 3D.
-pub(crate) fn scenes(report: &LocalizationReport) -> Markup {
+pub fn scenes(report: &LocalizationReport) -> Markup {
     let count = report.scenes.len().max(1);
     let budget =
         Budget { points: (BUDGET.points / count).max(3000), queries: (BUDGET.queries / count).max(100) };

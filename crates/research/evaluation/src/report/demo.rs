@@ -1,18 +1,18 @@
 //! The report of the demo: a query in the pipeline, stage by stage, and the results of all queries.
 
+use crate::attack_evaluation::{AttackDocument, ShownImage};
 use image::RgbImage;
 use maud::{Markup, html};
-use veiloc_evaluation::attack_evaluation::{AttackDocument, ShownImage};
 use veiloc_geometry::Pixel;
 
-use crate::attacks;
-use crate::drawing::{self, Rim};
-use crate::images::data_address;
-use crate::localization::{
+use super::attacks;
+use veiloc_report::drawing::{self, Rim};
+use veiloc_report::images::data_address;
+use veiloc_report::localization::{
     LocalizationReport, QueryDrawing, figure, overview, queries_section, scene_title, scenes,
 };
-use crate::numbers::{scheme_explanation, scheme_name};
-use crate::page::{self, Page, Section, fold};
+use veiloc_report::numbers::{scheme_explanation, scheme_name};
+use veiloc_report::page::{self, Page, Section, fold};
 
 /// Results of the demo. Any list may be empty; its section is then left out.
 #[derive(Debug, Clone, Default)]
