@@ -12,8 +12,8 @@ use crate::complete::grow;
 use crate::diagnose::{diagnose, explain};
 use crate::error::MappingError;
 use crate::extract::{ExtractionResult, ExtractorPair, extract_all};
-use crate::frames::{FrameReport, OnOtherFrame, compare_groups, refused};
-use crate::input::Input;
+use crate::frames::{FrameReport, compare_groups, refused};
+use crate::input::{Input, OnOtherFrame};
 use crate::matching::{Edge, Edges, match_pairs};
 use crate::options::{BuildOptions, for_images};
 use crate::pairs::{MIN_SEEDS, Seeds, pairs_by_pose, pairs_by_seeds};
@@ -112,7 +112,7 @@ fn triangulate_all(
             images: model.images.len(),
             matches: matched.edges.matches,
             verified: matched.edges.verified.len(),
-            cause: diagnose(model),
+            cause: diagnose(model).map(|cause| cause.to_string()),
         });
     }
     model.points = points;

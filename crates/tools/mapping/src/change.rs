@@ -1,10 +1,10 @@
 //! Adds images to a map and removes them, without rebuilding the map.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorView, GlobalModel};
-use veiloc_map::{MapImage, MapModel, Observation};
+use veiloc_map::{MapImage, MapModel};
 use veiloc_protocol::Profile;
 
 use crate::build::{append_images, match_images};
@@ -14,15 +14,16 @@ use crate::compress::refuse_compressed;
 use crate::diagnose::explain;
 use crate::error::MappingError;
 use crate::extract::{ExtractionResult, ExtractorPair, extract_all};
-use crate::frames::{FrameReport, MAX_TESTED, OnOtherFrame, ReferenceMap, refused};
+use crate::frames::{FrameReport, MAX_TESTED, ReferenceMap, refused};
+use crate::hold_out::drop_images;
 use crate::image_names::NameIndex;
-use crate::input::Input;
+use crate::input::{Input, OnOtherFrame};
 use crate::matching::Edges;
 use crate::options::for_images;
 use crate::pairs::Seeds;
 use crate::progress::Progress;
 use crate::report::{BuildReport, MapWarning};
-use crate::scene::{Fallback, Scene};
+use crate::scene::Scene;
 use crate::vocabulary::learn;
 
 /// Adds posed images to a map; their poses must be in its world frame.
@@ -179,30 +180,7 @@ pub fn remove(
         }
     };
 
-    let mut scene = Scene::of(model, &settings);
-    for point in &mut scene.points {
-        let count = point.track.len();
-        point.track.retain(|(image, _)| !images_to_remove.contains(image));
-        point.touched = point.track.len() < count;
-    }
-    scene.refine_touched(&settings, Fallback::Vanish);
-    let points = scene.finish();
-    model.points = points;
-    model.self_test = None;
-
-    let new_index: BTreeMap<u32, u32> = staying.iter().map(|i| *i as u32).zip(0..).collect();
-    let mut index = 0;
-    model.images.retain(|_| {
-        index += 1;
-        !images_to_remove.contains(&(index - 1))
-    });
-    for point in &mut model.points {
-        for Observation { image, .. } in &mut point.track {
-            *image = new_index[image];
-        }
-    }
-    drop_unused_cameras(model);
-    model.link_keypoints();
+    drop_images(model, &images_to_remove);
     if let Some(profile) = profile {
         model.images.par_iter_mut().for_each(|image| {
             if let Some(global) = profile.global_model().of_rows(image.descriptors.view()) {
@@ -234,15 +212,6 @@ fn images_to_remove(model: &MapModel, names: &[String]) -> Result<BTreeSet<u32>,
         _ if !absent.is_empty() => Err(MappingError::NotInMap { names: absent }),
         Some(name) => Err(MappingError::DuplicateName { name: name.clone() }),
         None => Ok(images_to_remove),
-    }
-}
-
-fn drop_unused_cameras(model: &mut MapModel) {
-    let used: BTreeSet<usize> = model.images.iter().map(|i| i.camera).collect();
-    let new_index: BTreeMap<usize, usize> = used.iter().copied().zip(0..).collect();
-    model.cameras = used.iter().map(|i| model.cameras[*i]).collect();
-    for image in &mut model.images {
-        image.camera = new_index[&image.camera];
     }
 }
 

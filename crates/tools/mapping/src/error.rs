@@ -10,11 +10,6 @@ use veiloc_obfuscation::SealError;
 use veiloc_protocol::QueryError;
 
 use crate::bad_image::BadImages;
-use crate::finish::BrokenMap;
-use crate::frames::OtherFrame;
-use crate::importers::poses::PoseFormat;
-use crate::report::MapWarning;
-use crate::structure_from_motion::INSTALL;
 
 /// What is looked for in a folder or file of posed images.
 const LOOKED_FOR: &str = "looked for: a COLMAP model (cameras and images, also in sparse/0), transforms.json \
@@ -44,13 +39,18 @@ pub enum MappingError {
     #[error("{0}")]
     BadImages(BadImages),
     /// Nothing can be localized in a map that was made or changed.
-    #[error("{0}")]
-    Broken(BrokenMap),
+    #[error("nothing can be localized in this map of {points} points{}", lines(warnings))]
+    Broken {
+        /// Number of its points.
+        points: usize,
+        /// What is known about the cause.
+        warnings: Vec<String>,
+    },
     /// The poses of images are in another frame than the rest of the map.
     #[error("{}", other_frames(groups))]
     OtherFrame {
-        /// Each group of images, with the transform of its poses to the frame of the map.
-        groups: Vec<OtherFrame>,
+        /// Each group of images, and its distance from the frame of the map.
+        groups: Vec<String>,
     },
     /// The poses of most added images disagree with the map, and no transform to its frame explains them.
     #[error(
@@ -113,7 +113,7 @@ pub enum MappingError {
         cause.as_ref().map_or_else(
             || "check that the images overlap, from different positions, and that the poses are \
                 world-to-camera".to_owned(),
-            |cause| cause.to_string()
+            Clone::clone
         )
     )]
     NoPoints {
@@ -124,7 +124,7 @@ pub enum MappingError {
         /// Number of matches that agree with the poses.
         verified: usize,
         /// The likely cause, if found.
-        cause: Option<MapWarning>,
+        cause: Option<String>,
     },
     /// The COLMAP model has nothing to import.
     #[error(
@@ -244,7 +244,7 @@ pub enum MappingError {
         /// The folder.
         path: PathBuf,
         /// Each format, and its file or folder.
-        found: Vec<(PoseFormat, PathBuf)>,
+        found: Vec<(String, PathBuf)>,
     },
     /// A map cannot be aligned, or two maps cannot be brought to one frame.
     #[error("the map cannot be aligned: {reason}")]
@@ -254,7 +254,7 @@ pub enum MappingError {
     },
     /// Neither pycolmap nor COLMAP was found.
     #[error(
-        "images without poses need structure from motion, and {} has no pycolmap{}; install it: {INSTALL}",
+        "images without poses need structure from motion, and {} has no pycolmap{}; install it: {install}",
         python.display(),
         if *is_given { "" } else { ", and no program colmap is on the PATH" }
     )]
@@ -263,6 +263,8 @@ pub enum MappingError {
         python: PathBuf,
         /// Whether the user named it.
         is_given: bool,
+        /// The command that installs pycolmap.
+        install: &'static str,
     },
     /// The frames of a video cannot be used.
     #[error("{}: {reason}", path.display())]
@@ -296,19 +298,22 @@ impl MappingError {
 }
 
 /// The formats with their files, for messages.
-fn formats(found: &[(PoseFormat, PathBuf)]) -> String {
+fn formats(found: &[(String, PathBuf)]) -> String {
     let each: Vec<String> =
         found.iter().map(|(format, path)| format!("{} ({format})", path.display())).collect();
     each.join(", ")
 }
 
-/// The groups, one per line.
-fn other_frames(groups: &[OtherFrame]) -> String {
-    let each = groups.iter().map(|group| format!("\n  {group}"));
+/// Each text on a line of its own.
+fn lines(texts: &[String]) -> String {
+    texts.iter().flat_map(|text| ["\n  ", text]).collect()
+}
+
+fn other_frames(groups: &[String]) -> String {
     format!(
         "the poses of some images are in another frame than the rest of the map, so nothing was written; the \
          map without them localizes them with other poses{}",
-        each.collect::<String>()
+        lines(groups)
     )
 }
 

@@ -1,8 +1,6 @@
 //! The end of every command that makes or changes a map: its self-test, the warnings that follow from it, and the refusal
 //! of a map in which nothing can be localized.
 
-use std::fmt;
-
 use veiloc_map::{MapModel, SelfTest};
 
 use crate::calibration::{SelfTestOptions, SelfTestTrial, chosen, is_testable, summarize_trials, trials};
@@ -24,22 +22,6 @@ pub struct FinishOptions {
 impl Default for FinishOptions {
     fn default() -> Self {
         Self { self_test: true, keep_broken: false }
-    }
-}
-
-/// A map in which nothing can be localized.
-#[derive(Debug)]
-pub struct BrokenMap {
-    /// Number of its points.
-    pub points: usize,
-    /// What is known about the cause.
-    pub warnings: Vec<MapWarning>,
-}
-
-impl fmt::Display for BrokenMap {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "nothing can be localized in this map of {} points", self.points)?;
-        self.warnings.iter().try_for_each(|warning| write!(f, "\n  {warning}"))
     }
 }
 
@@ -109,7 +91,8 @@ fn refuse_broken(model: &MapModel, warnings: &[MapWarning]) -> Result<(), Mappin
     if !is_broken(model, warnings) {
         return Ok(());
     }
-    Err(MappingError::Broken(BrokenMap { points: model.points.len(), warnings: warnings.to_vec() }))
+    let warnings = warnings.iter().map(ToString::to_string).collect();
+    Err(MappingError::Broken { points: model.points.len(), warnings })
 }
 
 /// Detects a map with almost no points, one that localizes few of its own images for a known reason, and one that

@@ -1,12 +1,12 @@
-//! A map without some of its images, for tests that localize one of them.
+//! A map without some of its images: for tests that localize one of them, and for good.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use veiloc_geometry::Point3;
 use veiloc_map::{BuildSettings, HeldOut, HeldOutPoint, MapModel, Observation, PointEvidence, PointId};
 
 use crate::options::for_images;
-use crate::scene::Scene;
+use crate::scene::{Fallback, Scene};
 use crate::triangulation::{refine_inliers, triangulate};
 
 /// Maximum number of neighbours that are left out with an image. With four, errors in a map of a few images for each
@@ -80,5 +80,45 @@ impl<'a> HoldOutMap<'a> {
             position: Point3::from_vector(found.position),
             evidence: PointEvidence::Track(track),
         })
+    }
+}
+
+/// Drops the images of these indices from a map, with its self-test. Points that they observe are triangulated again from the
+/// other images, or removed if too few observations remain; all other points stay bit-identical.
+pub(crate) fn drop_images(model: &mut MapModel, images: &BTreeSet<u32>) {
+    let settings = model.settings;
+    let staying: Vec<usize> = (0..model.images.len()).filter(|i| !images.contains(&(*i as u32))).collect();
+    let mut scene = Scene::of(model, &settings);
+    for point in &mut scene.points {
+        let count = point.track.len();
+        point.track.retain(|(image, _)| !images.contains(image));
+        point.touched = point.track.len() < count;
+    }
+    scene.refine_touched(&settings, Fallback::Vanish);
+    let points = scene.finish();
+    model.points = points;
+    model.self_test = None;
+
+    let new_index: BTreeMap<u32, u32> = staying.iter().map(|i| *i as u32).zip(0..).collect();
+    let mut index = 0;
+    model.images.retain(|_| {
+        index += 1;
+        !images.contains(&(index - 1))
+    });
+    for point in &mut model.points {
+        for Observation { image, .. } in &mut point.track {
+            *image = new_index[image];
+        }
+    }
+    drop_unused_cameras(model);
+    model.link_keypoints();
+}
+
+fn drop_unused_cameras(model: &mut MapModel) {
+    let used: BTreeSet<usize> = model.images.iter().map(|i| i.camera).collect();
+    let new_index: BTreeMap<usize, usize> = used.iter().copied().zip(0..).collect();
+    model.cameras = used.iter().map(|i| model.cameras[*i]).collect();
+    for image in &mut model.images {
+        image.camera = new_index[&image.camera];
     }
 }

@@ -9,7 +9,6 @@ use veiloc_map::{PosedImage, PosedImages};
 use crate::bad_image::{BadImage, BadImages, BadReason};
 use crate::cache::BuildCache;
 use crate::error::MappingError;
-use crate::frames::OnOtherFrame;
 use crate::image_names::{NameIndex, image_file};
 
 /// Images to map: their poses, and the folder of their files.
@@ -25,6 +24,19 @@ pub struct Input<'a> {
     pairs: Option<&'a [(String, String)]>,
     prefix: &'a str,
     on_other_frame: OnOtherFrame,
+}
+
+/// Treatment of images whose poses are in another frame than the rest of the map.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum OnOtherFrame {
+    /// Nothing is changed, and the error names them with the distance.
+    #[default]
+    Refuse,
+    /// Their poses are transformed to the frame of the map, and the report has the transform.
+    Align,
+    /// Frames are not compared. For places that look alike: images of another floor of a building may be localized,
+    /// wrongly, on a floor that is in the map.
+    Accept,
 }
 
 /// Treatment of unusable images.

@@ -18,7 +18,7 @@
 use veiloc_map::CovarianceCalibration;
 
 use crate::calibration::minimum::minimum;
-use crate::calibration::summary::{SQUARED_RADII_3, SQUARED_RADII_6};
+use crate::calibration::radii::{SQUARED_RADII_3, SQUARED_RADII_6};
 use crate::calibration::trial::SelfTestTrial;
 
 /// Fits the calibration of a scheme; `scale` is the typical distance of observed points, map units.

@@ -32,6 +32,7 @@ mod fit;
 mod fit_tests;
 mod minimum;
 pub(crate) mod query;
+mod radii;
 pub(crate) mod run;
 mod summary;
 mod trial;

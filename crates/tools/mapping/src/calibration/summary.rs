@@ -1,13 +1,12 @@
 //! Summarizes the trials of a scheme.
 
 use veiloc_geometry::statistics::upper_median;
-use veiloc_map::{
-    ABSOLUTE, CameraErrors, ConfidenceCoverage, CovarianceCalibration, LEVELS, RELATIVE, SchemeTest,
-};
+use veiloc_map::{ABSOLUTE, CameraErrors, ConfidenceCoverage, CovarianceCalibration, RELATIVE, SchemeTest};
 use veiloc_pose::likelihood::{CameraEvidence, MapCameras};
 use veiloc_protocol::Scheme;
 
 use crate::calibration::fit::fit;
+use crate::calibration::radii::{SQUARED_RADII_3, SQUARED_RADII_6};
 use crate::calibration::trial::{Distances, SelfTestTrial};
 
 /// Summarizes all tested images; `None` marks an image without pose. If parts of the map look alike, poses far from the
@@ -87,11 +86,3 @@ pub(crate) fn median(mut values: Vec<f64>) -> f64 {
 
 /// Parts of the trials in cross-validation.
 const PARTS: usize = 5;
-
-/// Squared radii of the confidence regions of [`LEVELS`] for a normal distribution in three dimensions (quantiles of
-/// chi-squared).
-pub(crate) const SQUARED_RADII_3: [f64; LEVELS.len()] =
-    [2.365_973_884_375_338, 6.251_388_631_170_325, 11.344_866_730_144_373];
-/// The same in six dimensions.
-pub(crate) const SQUARED_RADII_6: [f64; LEVELS.len()] =
-    [5.348_120_627_447_122, 10.644_640_675_668_42, 16.811_893_829_770_927];

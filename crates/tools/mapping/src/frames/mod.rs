@@ -29,22 +29,9 @@ use self::consensus::{Comparison, FoundFrame, compare};
 use self::groups::weakly_linked;
 use crate::calibration::query::{sealed, sealer_for, stored_features};
 use crate::calibration::run::{evenly_spaced, scale};
-use crate::change::{VocabularyUpdate, remove};
 use crate::error::MappingError;
+use crate::hold_out::drop_images;
 use crate::progress::Progress;
-
-/// Treatment of images whose poses are in another frame than the rest of the map.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum OnOtherFrame {
-    /// Nothing is changed, and the error names them with the distance.
-    #[default]
-    Refuse,
-    /// Their poses are transformed to the frame of the map, and the report has the transform.
-    Align,
-    /// Frames are not compared. For places that look alike: images of another floor of a building may be localized,
-    /// wrongly, on a floor that is in the map.
-    Accept,
-}
 
 /// A group of images whose poses are in another frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -215,7 +202,7 @@ impl Group {
 
 /// Returns the error for these groups.
 pub(crate) fn refused(groups: Vec<Group>) -> MappingError {
-    MappingError::OtherFrame { groups: groups.into_iter().map(|group| group.frame).collect() }
+    MappingError::OtherFrame { groups: groups.into_iter().map(|group| group.frame.to_string()).collect() }
 }
 
 /// Index of the frame of each image, `None` for the map's: that of the compared image that is nearest in the order of
@@ -263,9 +250,8 @@ pub(crate) fn compare_groups(
         if found.iter().any(|other| other.images.iter().any(|image| linked.images.contains(image))) {
             continue;
         }
-        let names: Vec<String> = linked.images.iter().map(|i| model.images[*i].name.clone()).collect();
         let mut rest = model.clone();
-        remove(&mut rest, &names, VocabularyUpdate::Keep, &())?;
+        drop_images(&mut rest, &linked.images.iter().map(|image| *image as u32).collect());
         let Some(reference) = ReferenceMap::of(&rest)? else { continue };
         let compare = |limit: usize| reference.compare(model, &linked.images, limit, progress);
         let mut compared = compare(PROBES_OF_GROUP);

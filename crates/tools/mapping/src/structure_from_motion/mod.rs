@@ -8,51 +8,25 @@
 //! - [`frames_of_video`]: the frames of a video that it needs.
 
 mod images;
+mod options;
 mod program;
 mod pycolmap;
 mod state;
+mod unregistered;
 mod video;
 
-use std::fmt;
 use std::path::{Path, PathBuf};
 
 use veiloc_features::Progress;
 use veiloc_map::PosedImages;
 use veiloc_map::colmap::read_posed;
 
+pub use self::options::{MAX_EXHAUSTIVE, SfmMatching, SfmOptions};
 pub use self::program::{INSTALL, SfmProgram};
 use self::state::Task;
+pub use self::unregistered::{Unregistered, UnregisteredCause};
 pub use self::video::{INSTALL_FFMPEG, VideoFrames, frames_of_video};
 use crate::error::MappingError;
-
-/// Images up to which all pairs are matched.
-pub const MAX_EXHAUSTIVE: usize = 300;
-
-/// Which pairs of images are matched.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum SfmMatching {
-    /// All pairs of up to [`MAX_EXHAUSTIVE`] images, and of more images if their names are not numbered; otherwise
-    /// as for frames of a video.
-    #[default]
-    Auto,
-    /// All pairs.
-    Exhaustive,
-    /// Neighbours by name, as for frames of a video, and all pairs of some hundred frames.
-    Sequential,
-}
-
-/// Options of structure from motion.
-#[derive(Debug, Clone, Default)]
-#[non_exhaustive]
-pub struct SfmOptions {
-    /// The Python with pycolmap. Default: `python3` of the PATH if it has pycolmap, or else the program `colmap` of the
-    /// PATH.
-    pub python: Option<PathBuf>,
-    /// Which pairs are matched.
-    pub matching: SfmMatching,
-    /// Seed of its random choices.
-    pub seed: u64,
-}
 
 /// The result of structure from motion.
 #[derive(Debug)]
@@ -72,53 +46,6 @@ pub struct SfmReport {
     pub is_reused: bool,
     /// The program.
     pub program: SfmProgram,
-}
-
-/// An image without a pose.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Unregistered {
-    /// Its name.
-    pub name: String,
-    /// The likely cause.
-    pub cause: UnregisteredCause,
-}
-
-impl fmt::Display for Unregistered {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: no pose: {}", self.name, self.cause)
-    }
-}
-
-/// Why an image has no pose, as far as known.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum UnregisteredCause {
-    /// It has few keypoints.
-    FewKeypoints(usize),
-    /// No other image has verified matches with it.
-    NoMatches,
-    /// Some images match it, but too few for a pose.
-    FewMatches {
-        /// Number of images.
-        images: usize,
-    },
-    /// It is in another model.
-    OtherModel,
-    /// The program does not say.
-    Unknown,
-}
-
-impl fmt::Display for UnregisteredCause {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::FewKeypoints(n) => write!(f, "{n} keypoints: blurred, dark or without texture"),
-            Self::NoMatches => f.write_str("no other image matches it"),
-            Self::FewMatches { images } => {
-                write!(f, "{images} images match it, too few or without parallax")
-            }
-            Self::OtherModel => f.write_str("in another model, not connected to this one"),
-            Self::Unknown => f.write_str("cause unknown"),
-        }
-    }
 }
 
 /// Computes poses of the images of a folder. `names` are the images to use, relative to the folder, or else all JPEG and PNG

@@ -53,7 +53,7 @@ impl SfmProgram {
         if python.is_none() && Command::new(&colmap).arg("help").output().is_ok() {
             return Ok(Self::Colmap { path: colmap });
         }
-        Err(MappingError::NoSfmProgram { python: searched, is_given: python.is_some() })
+        Err(MappingError::NoSfmProgram { python: searched, is_given: python.is_some(), install: INSTALL })
     }
 }
 

@@ -13,7 +13,9 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 use veiloc_map::atomic_file::write_atomic;
 
-use super::{MAX_EXHAUSTIVE, SfmMatching, SfmOptions, UnregisteredCause, images};
+use super::images;
+use super::options::{MAX_EXHAUSTIVE, SfmMatching, SfmOptions};
+use super::unregistered::UnregisteredCause;
 use crate::error::MappingError;
 
 /// Fewer keypoints are a cause by themselves.

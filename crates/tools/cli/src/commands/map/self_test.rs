@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::Serialize;
 use veiloc_evaluation::results::text_table::TextTable;
 use veiloc_map::{ABSOLUTE, ConfidenceCoverage, LEVELS, MapModel, RELATIVE, SchemeTest, SelfTest};
-use veiloc_mapping::{BrokenMap, FinishOptions, MapWarning, MappingError, finish, refuse_broken_compressed};
+use veiloc_mapping::{FinishOptions, MapWarning, MappingError, finish, refuse_broken_compressed};
 use veiloc_report::significant;
 
 use crate::output::exit::Failure;
@@ -59,7 +59,7 @@ impl FinishArgs {
 }
 
 fn refused(error: MappingError, out: &Path, ui: &Ui) -> Failure {
-    let MappingError::Broken(BrokenMap { points, warnings }) = error else { return error.into() };
+    let MappingError::Broken { points, warnings } = error else { return error.into() };
     for warning in &warnings {
         ui.warning(warning);
     }

@@ -19,8 +19,8 @@ use veiloc_geometry::nalgebra::Matrix4;
 use super::cameras::Brown;
 use super::json::{Json, document};
 use super::names::{ImageNames, without_extension};
+use super::posed_input::{Poses, down, faulty, pose_of_opengl};
 use super::times::Stamped;
-use super::{Poses, down, faulty, pose_of_opengl};
 use crate::error::MappingError;
 
 /// An empty result in ARKit's world.

@@ -15,7 +15,7 @@ use veiloc_geometry::{CameraFromWorld, Point3};
 
 use super::cameras::Brown;
 use super::names::ImageNames;
-use super::{Poses, faulty, text};
+use super::posed_input::{Poses, faulty, text};
 use crate::error::MappingError;
 use crate::importers::lines::Line;
 

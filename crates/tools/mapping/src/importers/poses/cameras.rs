@@ -4,7 +4,7 @@ use std::path::Path;
 
 use veiloc_geometry::Intrinsics;
 
-use super::faulty;
+use super::posed_input::faulty;
 use crate::error::MappingError;
 
 /// A camera with Brown's distortion, as OpenCV has it:

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use veiloc_map::colmap;
 
-use super::{PoseFormat, PosedInput};
+use super::posed_input::{PoseFormat, PosedInput};
 use crate::error::MappingError;
 
 pub(super) fn read(path: &Path) -> Result<PosedInput, MappingError> {

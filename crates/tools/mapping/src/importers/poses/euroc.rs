@@ -15,8 +15,8 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics};
 
 use super::cameras::{Brown, intrinsics};
 use super::names::ImageNames;
+use super::posed_input::{Poses, faulty, pose_of_world_from_cam, text};
 use super::times::{Stamped, pose_at_time};
-use super::{Poses, faulty, pose_of_world_from_cam, text};
 use crate::error::MappingError;
 use crate::importers::lines::Line;
 

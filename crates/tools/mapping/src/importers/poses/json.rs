@@ -5,7 +5,7 @@ use std::path::Path;
 use serde_json::Value;
 use veiloc_geometry::nalgebra::Matrix4;
 
-use super::{faulty, text};
+use super::posed_input::{faulty, text};
 use crate::error::MappingError;
 
 /// Reads a JSON document.

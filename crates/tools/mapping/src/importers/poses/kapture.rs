@@ -13,7 +13,7 @@ use std::path::Path;
 use veiloc_geometry::{CameraFromRig, CameraFromWorld, Intrinsics, RigFromWorld};
 
 use super::names::ImageNames;
-use super::{Poses, text};
+use super::posed_input::{Poses, text};
 use crate::error::MappingError;
 use crate::importers::lines::Line;
 

@@ -15,7 +15,7 @@ use veiloc_geometry::nalgebra::{Matrix3, Matrix4, Vector3};
 
 use super::cameras::Brown;
 use super::names::{ImageNames, without_extension};
-use super::{Poses, faulty, pose_of_world_from_cam, text};
+use super::posed_input::{Poses, faulty, pose_of_world_from_cam, text};
 use crate::error::MappingError;
 use crate::importers::lines::Line;
 

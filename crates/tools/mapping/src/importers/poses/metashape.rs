@@ -22,7 +22,7 @@ use veiloc_geometry::nalgebra::{Matrix3, Matrix4, Vector3};
 
 use super::cameras::{Brown, intrinsics};
 use super::names::ImageNames;
-use super::{Poses, faulty, pose_of_world_from_cam, text};
+use super::posed_input::{Poses, faulty, pose_of_world_from_cam, text};
 use crate::error::MappingError;
 
 pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingError> {

@@ -54,7 +54,7 @@ impl ImageNames {
         match image::image_dimensions(&path) {
             Ok(size) => Ok(Some((name, size))),
             Err(image::ImageError::IoError(source)) => Err(MappingError::Io { path, source }),
-            Err(error) => Err(super::faulty(&path, format!("{error}; give a JPEG or PNG file"))),
+            Err(error) => Err(super::posed_input::faulty(&path, format!("{error}; give a JPEG or PNG file"))),
         }
     }
 

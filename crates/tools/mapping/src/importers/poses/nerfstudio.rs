@@ -21,7 +21,7 @@ use veiloc_geometry::nalgebra::{Matrix3, Matrix4};
 use super::cameras::{Brown, intrinsics};
 use super::json::{Json, document};
 use super::names::ImageNames;
-use super::{Poses, pose_of_opengl};
+use super::posed_input::{Poses, pose_of_opengl};
 use crate::error::MappingError;
 
 pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingError> {

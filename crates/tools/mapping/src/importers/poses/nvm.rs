@@ -10,7 +10,7 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::Point3;
 use veiloc_geometry::frames::World;
 
-use super::{Poses, faulty};
+use super::posed_input::{Poses, faulty};
 use crate::error::MappingError;
 use crate::importers::lines::{Line, pose_at};
 use crate::importers::poses::names::ImageNames;

@@ -20,7 +20,7 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
 use super::cameras::{Brown, intrinsics};
 use super::json::{Json, document};
 use super::names::ImageNames;
-use super::{Poses, down};
+use super::posed_input::{Poses, down};
 use crate::error::MappingError;
 
 pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingError> {

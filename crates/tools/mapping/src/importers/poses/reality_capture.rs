@@ -17,7 +17,7 @@ use veiloc_geometry::nalgebra::{Matrix4, Rotation3, Vector3};
 
 use super::cameras::Brown;
 use super::names::ImageNames;
-use super::{Poses, down, faulty, pose_of_opengl, text};
+use super::posed_input::{Poses, down, faulty, pose_of_opengl, text};
 use crate::error::MappingError;
 use crate::importers::lines::Line;
 

@@ -3,8 +3,10 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use super::PoseFormat::{self, Bundler, Euroc, Kapture, Kitti, Metashape, Nerfstudio, Nvm, OpenSfm, Polycam};
-use super::PoseFormat::{Colmap, RealityCapture, Record3d, ScannerApp, Tum};
+use super::posed_input::PoseFormat::{
+    self, Bundler, Euroc, Kapture, Kitti, Metashape, Nerfstudio, Nvm, OpenSfm, Polycam,
+};
+use super::posed_input::PoseFormat::{Colmap, RealityCapture, Record3d, ScannerApp, Tum};
 use super::{ar_capture, bundler, colmap, reality_capture};
 use crate::error::MappingError;
 
@@ -25,7 +27,10 @@ pub(super) fn recognize(path: &Path) -> Result<(PoseFormat, PathBuf), MappingErr
     match found.len() {
         0 => Err(MappingError::UnknownPoses { path: path.to_owned(), is_folder: true }),
         1 => Ok(found.remove(0)),
-        _ => Err(MappingError::AmbiguousPoses { path: path.to_owned(), found }),
+        _ => {
+            let found = found.into_iter().map(|(format, path)| (format.to_string(), path)).collect();
+            Err(MappingError::AmbiguousPoses { path: path.to_owned(), found })
+        }
     }
 }
 

@@ -12,8 +12,8 @@ use std::path::Path;
 use veiloc_geometry::Intrinsics;
 
 use super::names::ImageNames;
+use super::posed_input::{Poses, faulty, text};
 use super::times::{Stamped, pose_at_time, time_of};
-use super::{Poses, faulty, text};
 use crate::error::MappingError;
 use crate::importers::lines::Line;
 
