@@ -9,7 +9,7 @@ use veiloc_map::MapError;
 use veiloc_obfuscation::SealError;
 use veiloc_protocol::QueryError;
 
-use crate::bad_image::BadImages;
+use crate::input::bad_image::BadImages;
 
 /// What is looked for in a folder or file of posed images.
 const LOOKED_FOR: &str = "looked for: a COLMAP model (cameras and images, also in sparse/0), transforms.json \

@@ -55,56 +55,36 @@
 #![forbid(unsafe_code)]
 
 pub mod align;
-mod bad_image;
 mod build;
 pub mod build_cache;
-mod cache;
 pub mod calibration;
-mod change;
-mod complete;
 mod compress;
 pub mod coverage;
-mod diagnose;
 mod error;
-mod extract;
-mod finish;
 mod frames;
-mod hold_out;
-mod image_names;
-mod import;
 pub mod importers;
 mod input;
-mod matching;
-mod merge;
-mod options;
-mod pairs;
-mod prepare;
 mod progress;
-mod report;
-mod scene;
 pub mod structure_from_motion;
-mod tracks;
 mod triangulation;
-mod view;
-mod vocabulary;
 
-pub use bad_image::{BadImage, BadImages, BadReason, SkippedImages};
 pub use build::build;
-pub use cache::{BuildCache, ExtractedFeatures, FeatureRequest};
-pub use change::{VocabularyUpdate, add, remove};
+pub use build::change::{VocabularyUpdate, add, remove};
+pub use build::finish::{FinishOptions, finish, finish_tested, refuse_broken_compressed};
+pub use build::import::{ImportReport, import};
+pub use build::merge::{MergeReport, merge};
+pub use build::prepare::{BuildStage, ShareSummary, StageShare, prepare};
+pub use build::report::{BuildReport, InputMistake, MapWarning};
 pub use compress::{CompressOptions, CompressedMap, compress};
 pub use error::MappingError;
-pub use finish::{FinishOptions, finish, finish_tested, refuse_broken_compressed};
 pub use frames::{FrameReport, OtherFrame, Similarity3};
-pub use hold_out::HoldOutMap;
-pub use image_names::{NameIndex, image_file, mask_file};
-pub use import::{ImportReport, import};
+pub use input::bad_image::{BadImage, BadImages, BadReason, SkippedImages};
+pub use input::cache::{BuildCache, ExtractedFeatures, FeatureRequest};
+pub use input::image_names::{NameIndex, image_file, mask_file};
+pub use input::options::BuildOptions;
 pub use input::{Input, OnBadImage, OnOtherFrame};
-pub use merge::{MergeReport, merge};
-pub use options::BuildOptions;
-pub use prepare::{BuildStage, ShareSummary, StageShare, prepare};
 pub use progress::Progress;
-pub use report::{BuildReport, InputMistake, MapWarning};
+pub use triangulation::hold_out::HoldOutMap;
 
 #[cfg(test)]
 mod tests;

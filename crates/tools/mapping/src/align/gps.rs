@@ -8,7 +8,7 @@ use veiloc_map::MapModel;
 
 use super::KnownPosition;
 use crate::error::MappingError;
-use crate::image_names::image_file;
+use crate::input::image_names::image_file;
 
 /// Known positions of a map's images from GPS in the EXIF of their files. The frame is east, north, up about the first of
 /// them, which is returned, too. Images without a file or without GPS are left out.

@@ -15,8 +15,8 @@ use veiloc_map::text::read_text;
 
 use super::KnownPosition;
 use crate::error::MappingError;
-use crate::image_names::NameIndex;
 use crate::importers::lines::Line;
+use crate::input::image_names::NameIndex;
 
 /// Reads known positions of a map's images or points. Returns them, and the names of images that the map does not have.
 ///

@@ -1,7 +1,7 @@
 //! Cache of a map build: features of images, matches of pairs.
 //!
 //! It serves interrupted builds, builds with more images, and distributed builds: several processes, on one machine or
-//! on several with a shared folder, may use it at once ([`crate::prepare`]).
+//! on several with a shared folder, may use it at once ([`crate::build::prepare`]).
 //!
 //! Every entry is keyed by the hash of its inputs: the bytes of the image file, the options, the extractor's output on
 //! a fixed pattern (the extractor's name does not identify its weights), the version of this program. An outdated entry

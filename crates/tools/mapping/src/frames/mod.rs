@@ -30,8 +30,8 @@ use self::groups::weakly_linked;
 use crate::calibration::query::{sealed, sealer_for, stored_features};
 use crate::calibration::run::{evenly_spaced, scale};
 use crate::error::MappingError;
-use crate::hold_out::drop_images;
 use crate::progress::Progress;
+use crate::triangulation::hold_out::drop_images;
 
 /// A group of images whose poses are in another frame.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use veiloc_map::{BuildSettings, MapFile, MapModel, PointId, byte_count};
 
 use super::synthetic::{known_scene, map_of};
-use crate::change::{VocabularyUpdate, remove};
+use crate::build::change::{VocabularyUpdate, remove};
 use crate::compress::{CompressOptions, compress};
 use crate::error::MappingError;
 

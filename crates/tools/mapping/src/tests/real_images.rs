@@ -10,7 +10,7 @@ use veiloc_map::{PosedImage, PosedImages};
 use veiloc_protocol::ExtractionLimits;
 use veiloc_testdata::real_data_test;
 
-use crate::import::recomputed_error;
+use crate::build::import::recomputed_error;
 use crate::{
     BadReason, BuildOptions, Input, InputMistake, MapWarning, MappingError, VocabularyUpdate, add, build,
     import, remove,

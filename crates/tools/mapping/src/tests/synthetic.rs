@@ -8,14 +8,14 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::{BuildSettings, MapModel, MapPoint, PosedImage};
 use veiloc_protocol::Profile;
 
+use crate::build::change::{VocabularyUpdate, join, remove};
+use crate::build::vocabulary::learn;
 use crate::build::{append_images, match_images, sort_points};
-use crate::cache::ExtractedFeatures;
-use crate::change::{VocabularyUpdate, join, remove};
-use crate::complete::grow;
 use crate::error::MappingError;
-use crate::scene::Scene;
-use crate::view::View;
-use crate::vocabulary::learn;
+use crate::input::cache::ExtractedFeatures;
+use crate::triangulation::complete::grow;
+use crate::triangulation::scene::Scene;
+use crate::triangulation::view::View;
 
 /// Cameras on an arc, points in a box in front of them.
 pub(super) struct KnownScene {
@@ -331,7 +331,7 @@ fn reprojection_errors_equal_pycolmaps() {
         let colmap = veiloc_map::colmap::read_model(&dir).unwrap();
         assert_eq!(colmap.points().len(), 12);
         for point in colmap.points() {
-            let error = crate::import::recomputed_error(&colmap, point).unwrap();
+            let error = crate::build::import::recomputed_error(&colmap, point).unwrap();
             assert!((error - point.error).abs() < 1e-9, "{error}, pycolmap says {}", point.error);
         }
     }

@@ -9,8 +9,8 @@ use veiloc_map::{BuildSettings, MapFile, MapImage, MapModel, MapPoint, Observati
 use veiloc_protocol::Profile;
 use veiloc_synthetic::problems::normal;
 
-use crate::scene::Scene;
-use crate::triangulation::triangulate;
+use crate::triangulation::scene::Scene;
+use crate::triangulation::triangulate::triangulate;
 
 const NOISE_PX: f64 = 0.4;
 const DRAWS: usize = 10;
@@ -28,7 +28,7 @@ fn noisy_map(images: usize, degrees: f64, points: &[Vector3<f64>], rng: &mut Cha
         let center = Vector3::new(5.0 * a.sin(), 0.2 * (i % 2) as f64, -5.0 * a.cos());
         let look = Rotation3::look_at_lh(&-center, &Vector3::y());
         let pose = CameraFromWorld::new(look, -(look * center));
-        let view = crate::view::View::new(camera, pose, &[], 3.0, 3.0);
+        let view = crate::triangulation::view::View::new(camera, pose, &[], 3.0, 3.0);
         let keypoints: Vec<[f32; 2]> = points
             .iter()
             .map(|p| view.pixel_inside(p).expect("all points are in view"))

@@ -7,8 +7,8 @@ use veiloc_descriptor::{DescriptorKind, Encoding};
 use veiloc_features::{Extractor, FeatureError, FeatureStore, Features, Image};
 
 use crate::MappingError;
-use crate::image_names::{NameIndex, other_spellings};
 use crate::importers::hloc::FeaturesFile;
+use crate::input::image_names::{NameIndex, other_spellings};
 
 /// Features of a file by image name, without extraction.
 ///

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 
 use crate::error::MappingError;
-use crate::image_names::image_file;
+use crate::input::image_names::image_file;
 
 /// Extensions of images that are tried; that of the written name is tried first.
 const EXTENSIONS: [&str; 6] = ["jpg", "png", "jpeg", "JPG", "PNG", "JPEG"];

@@ -6,12 +6,12 @@ use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
 use veiloc_map::{BuildSettings, MapModel, MapPoint, Observation, PosedImage};
 
-use crate::cache::ExtractedFeatures;
-use crate::matching::Edge;
-use crate::options::pixels_at;
-use crate::tracks::{Node, build_tracks};
-use crate::triangulation::{Sight, refine_inliers, triangulate};
-use crate::view::View;
+use crate::input::cache::ExtractedFeatures;
+use crate::input::options::pixels_at;
+use crate::triangulation::matching::Edge;
+use crate::triangulation::tracks::{Node, build_tracks};
+use crate::triangulation::triangulate::{Sight, refine_inliers, triangulate};
+use crate::triangulation::view::View;
 
 /// A point that may still change.
 #[derive(Debug, Clone)]

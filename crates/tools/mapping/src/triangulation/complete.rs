@@ -6,10 +6,10 @@ use rayon::prelude::*;
 use veiloc_geometry::Pixel;
 use veiloc_map::BuildSettings;
 
-use crate::matching::Edge;
-use crate::scene::{Fallback, Scene};
-use crate::tracks::Node;
-use crate::triangulation::refine_inliers;
+use crate::triangulation::matching::Edge;
+use crate::triangulation::scene::{Fallback, Scene};
+use crate::triangulation::tracks::Node;
+use crate::triangulation::triangulate::refine_inliers;
 
 /// Extends a scene with new edges, until no point gains an observation.
 pub(crate) fn grow(scene: &mut Scene<'_>, edges: &[Edge], settings: &BuildSettings) {

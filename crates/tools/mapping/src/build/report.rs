@@ -4,10 +4,10 @@ use std::fmt;
 
 use veiloc_map::{MapModel, SelfTest};
 
-use crate::bad_image::BadImage;
 use crate::calibration::SelfTestTrial;
 use crate::calibration::run::MIN_ALIKE;
 use crate::frames::FrameReport;
+use crate::input::bad_image::BadImage;
 
 /// Result of building a map, or of adding images to one.
 #[derive(Debug)]

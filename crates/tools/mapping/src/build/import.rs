@@ -10,18 +10,18 @@ use veiloc_map::colmap::{ColmapModel, ColmapPoint, ColmapPoint2d};
 use veiloc_map::{MapModel, MapPoint, Observation};
 use veiloc_protocol::ExtractionLimits;
 
-use crate::bad_image::BadImage;
+use crate::build::diagnose::diagnose;
+use crate::build::extract::{ExtractionResult, ExtractorPair, extract_each};
+use crate::build::report::{MapWarning, warnings_about};
 use crate::build::{append_images, profile};
-use crate::cache::ExtractedFeatures;
-use crate::complete::Grid;
-use crate::diagnose::diagnose;
 use crate::error::MappingError;
-use crate::extract::{ExtractionResult, ExtractorPair, extract_each};
 use crate::frames::{FrameReport, compare_groups, refused};
+use crate::input::bad_image::BadImage;
+use crate::input::cache::ExtractedFeatures;
+use crate::input::options::BuildOptions;
 use crate::input::{Input, OnOtherFrame};
-use crate::options::BuildOptions;
 use crate::progress::Progress;
-use crate::report::{MapWarning, warnings_about};
+use crate::triangulation::complete::Grid;
 
 /// Result of an import.
 #[derive(Debug)]

@@ -7,7 +7,7 @@
 
 use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::view::View;
+use crate::triangulation::view::View;
 
 /// One keypoint that may observe the point.
 #[derive(Debug, Clone, Copy)]

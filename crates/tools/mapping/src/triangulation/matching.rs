@@ -4,10 +4,10 @@ use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorView, MatchOptions, match_descriptors};
 use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::cache::BuildCache;
+use crate::input::cache::BuildCache;
 use crate::progress::Progress;
-use crate::triangulation::{Sight, nearest_to_both_rays};
-use crate::view::View;
+use crate::triangulation::triangulate::{Sight, nearest_to_both_rays};
+use crate::triangulation::view::View;
 
 /// Two keypoints with similar descriptors that lie on each other's epipolar lines.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -9,15 +9,15 @@
 
 use veiloc_descriptor::DescriptorView;
 
+use crate::build::extract::{ExtractionResult, ExtractorPair, extract_all, extract_each};
 use crate::build::{add_seeds, cache_keys, first_pairs, further_pairs, seeds_of};
-use crate::cache::BuildCache;
 use crate::error::MappingError;
-use crate::extract::{ExtractionResult, ExtractorPair, extract_all, extract_each};
 use crate::input::Input;
-use crate::matching::{Edges, match_pairs};
-use crate::options::{BuildOptions, for_images};
+use crate::input::cache::BuildCache;
+use crate::input::options::{BuildOptions, for_images};
 use crate::progress::Progress;
-use crate::scene::Scene;
+use crate::triangulation::matching::{Edges, match_pairs};
+use crate::triangulation::scene::Scene;
 
 /// Stages that can be distributed; each stage needs the results of the one before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,9 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use veiloc_geometry::Point3;
 use veiloc_map::{BuildSettings, HeldOut, HeldOutPoint, MapModel, Observation, PointEvidence, PointId};
 
-use crate::options::for_images;
-use crate::scene::{Fallback, Scene};
-use crate::triangulation::{refine_inliers, triangulate};
+use crate::input::options::for_images;
+use crate::triangulation::scene::{Fallback, Scene};
+use crate::triangulation::triangulate::{refine_inliers, triangulate};
 
 /// Maximum number of neighbours that are left out with an image. With four, errors in a map of a few images for each
 /// place (hololens-office) are several times those of queries.

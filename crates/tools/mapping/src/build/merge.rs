@@ -3,15 +3,15 @@
 use veiloc_map::{MapModel, PosedImage};
 
 use crate::build::append_images;
-use crate::cache::ExtractedFeatures;
+use crate::build::change::join;
+use crate::build::diagnose::explain;
+use crate::build::report::{BuildReport, MapWarning};
 use crate::calibration::run::scale;
-use crate::change::join;
 use crate::compress::refuse_compressed;
-use crate::diagnose::explain;
 use crate::error::MappingError;
 use crate::frames::{MAX_TESTED, OtherFrame, common_frame};
+use crate::input::cache::ExtractedFeatures;
 use crate::progress::Progress;
-use crate::report::{BuildReport, MapWarning};
 
 /// Result of a merge.
 #[derive(Debug)]

@@ -1,15 +1,20 @@
 //! Input of map building: the images, the folder of their files, and the treatment of unusable images.
 
+pub(crate) mod bad_image;
+pub(crate) mod cache;
+pub(crate) mod image_names;
+pub(crate) mod options;
+
 use std::collections::BTreeSet;
 use std::path::Path;
 
 use veiloc_features::{Extractors, FeatureError, SharedGlobal};
 use veiloc_map::{PosedImage, PosedImages};
 
-use crate::bad_image::{BadImage, BadImages, BadReason};
-use crate::cache::BuildCache;
 use crate::error::MappingError;
-use crate::image_names::{NameIndex, image_file};
+use crate::input::bad_image::{BadImage, BadImages, BadReason};
+use crate::input::cache::BuildCache;
+use crate::input::image_names::{NameIndex, image_file};
 
 /// Images to map: their poses, and the folder of their files.
 #[derive(Debug, Clone, Copy)]
@@ -93,7 +98,7 @@ impl<'a> Input<'a> {
     }
 
     /// Sets the cache of features and matches, for repeated, resumed or distributed builds
-    /// ([`prepare`](crate::prepare)).
+    /// ([`prepare`](crate::build::prepare)).
     #[must_use]
     pub const fn with_cache(self, cache: &'a dyn BuildCache) -> Self {
         Self { cache: Some(cache), ..self }

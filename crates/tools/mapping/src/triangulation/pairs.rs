@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use rayon::prelude::*;
 use veiloc_geometry::nalgebra::Vector3;
 
-use crate::view::View;
+use crate::triangulation::view::View;
 
 /// Known points of each image, `[images]`.
 pub(crate) type Seeds = Vec<Vec<Vector3<f64>>>;

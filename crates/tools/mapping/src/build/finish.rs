@@ -3,11 +3,11 @@
 
 use veiloc_map::{MapModel, SelfTest};
 
+use crate::build::diagnose::diagnose;
+use crate::build::report::MapWarning;
 use crate::calibration::{SelfTestOptions, SelfTestTrial, chosen, is_testable, summarize_trials, trials};
-use crate::diagnose::diagnose;
 use crate::error::MappingError;
 use crate::progress::Progress;
-use crate::report::MapWarning;
 
 /// How a map is finished.
 #[derive(Debug, Clone, Copy)]

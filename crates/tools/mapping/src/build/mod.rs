@@ -1,4 +1,14 @@
-//! Builds a map from posed images.
+//! Builds a map from posed images; its files change, merge, import and finish maps.
+
+pub(crate) mod change;
+pub(crate) mod diagnose;
+pub(crate) mod extract;
+pub(crate) mod finish;
+pub(crate) mod import;
+pub(crate) mod merge;
+pub(crate) mod prepare;
+pub(crate) mod report;
+pub(crate) mod vocabulary;
 
 use std::collections::BTreeSet;
 
@@ -7,21 +17,21 @@ use veiloc_descriptor::{DescriptorView, GlobalModel};
 use veiloc_map::{BuildSettings, MapImage, MapModel, PosedImage, PosedImages};
 use veiloc_protocol::Profile;
 
-use crate::cache::{BuildCache, ExtractedFeatures};
-use crate::complete::grow;
-use crate::diagnose::{diagnose, explain};
+use crate::build::diagnose::{diagnose, explain};
+use crate::build::extract::{ExtractionResult, ExtractorPair, extract_all};
+use crate::build::report::{BuildReport, MapWarning};
+use crate::build::vocabulary::learn;
 use crate::error::MappingError;
-use crate::extract::{ExtractionResult, ExtractorPair, extract_all};
 use crate::frames::{FrameReport, compare_groups, refused};
+use crate::input::cache::{BuildCache, ExtractedFeatures};
+use crate::input::options::{BuildOptions, for_images};
 use crate::input::{Input, OnOtherFrame};
-use crate::matching::{Edge, Edges, match_pairs};
-use crate::options::{BuildOptions, for_images};
-use crate::pairs::{MIN_SEEDS, Seeds, pairs_by_pose, pairs_by_seeds};
 use crate::progress::Progress;
-use crate::report::{BuildReport, MapWarning};
-use crate::scene::Scene;
-use crate::triangulation::{nearest_to_both_rays, widest_angle_deg};
-use crate::vocabulary::learn;
+use crate::triangulation::complete::grow;
+use crate::triangulation::matching::{Edge, Edges, match_pairs};
+use crate::triangulation::pairs::{MIN_SEEDS, Seeds, pairs_by_pose, pairs_by_seeds};
+use crate::triangulation::scene::Scene;
+use crate::triangulation::triangulate::{nearest_to_both_rays, widest_angle_deg};
 
 /// Builds a map from posed images.
 ///

@@ -8,10 +8,10 @@ use veiloc_geometry::Intrinsics;
 use veiloc_map::PosedImage;
 use veiloc_protocol::ExtractionLimits;
 
-use crate::bad_image::{BadImage, BadReason};
-use crate::cache::{BuildCache, ExtractedFeatures, FeatureRequest};
 use crate::error::MappingError;
-use crate::image_names::image_file;
+use crate::input::bad_image::{BadImage, BadReason};
+use crate::input::cache::{BuildCache, ExtractedFeatures, FeatureRequest};
+use crate::input::image_names::image_file;
 use crate::input::{CheckedImages, split_usable};
 use crate::progress::Progress;
 

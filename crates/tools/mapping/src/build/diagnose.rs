@@ -10,10 +10,10 @@ use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix3, Rotation3, Vector3};
 use veiloc_map::MapModel;
 
-use crate::matching::Epipolar;
-use crate::report::{BuildReport, InputMistake, MapWarning};
-use crate::scene::Scene;
-use crate::view::View;
+use crate::build::report::{BuildReport, InputMistake, MapWarning};
+use crate::triangulation::matching::Epipolar;
+use crate::triangulation::scene::Scene;
+use crate::triangulation::view::View;
 
 /// Returns the likely reason why the matches of a map's images disagree with their poses and cameras; `None` if they
 /// agree, or if no hypothesis explains them much better.

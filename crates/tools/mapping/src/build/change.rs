@@ -7,24 +7,24 @@ use veiloc_descriptor::{DescriptorView, GlobalModel};
 use veiloc_map::{MapImage, MapModel};
 use veiloc_protocol::Profile;
 
+use crate::build::diagnose::explain;
+use crate::build::extract::{ExtractionResult, ExtractorPair, extract_all};
+use crate::build::report::{BuildReport, MapWarning};
+use crate::build::vocabulary::learn;
 use crate::build::{append_images, match_images};
-use crate::cache::BuildCache;
-use crate::complete::grow;
 use crate::compress::refuse_compressed;
-use crate::diagnose::explain;
 use crate::error::MappingError;
-use crate::extract::{ExtractionResult, ExtractorPair, extract_all};
 use crate::frames::{FrameReport, MAX_TESTED, ReferenceMap, refused};
-use crate::hold_out::drop_images;
-use crate::image_names::NameIndex;
+use crate::input::cache::BuildCache;
+use crate::input::image_names::NameIndex;
+use crate::input::options::for_images;
 use crate::input::{Input, OnOtherFrame};
-use crate::matching::Edges;
-use crate::options::for_images;
-use crate::pairs::Seeds;
 use crate::progress::Progress;
-use crate::report::{BuildReport, MapWarning};
-use crate::scene::Scene;
-use crate::vocabulary::learn;
+use crate::triangulation::complete::grow;
+use crate::triangulation::hold_out::drop_images;
+use crate::triangulation::matching::Edges;
+use crate::triangulation::pairs::Seeds;
+use crate::triangulation::scene::Scene;
 
 /// Adds posed images to a map; their poses must be in its world frame.
 ///
