@@ -3,12 +3,12 @@
 use rand::Rng;
 use veiloc_geometry::{CameraFromWorld, RigFromWorld};
 
-use crate::copies::WithoutCopies;
 use crate::error::PoseError;
-use crate::likelihood::{Correspondences, PoseProblem};
-use crate::msac;
+use crate::likelihood::PoseProblem;
+use crate::likelihood::duplicates::WithoutDuplicates;
+use crate::msac::pose_estimate::PoseEstimate;
+use crate::msac::{self, has_one_side};
 use crate::options::{PoseOptions, ScoreKind};
-use crate::pose_estimate::PoseEstimate;
 use crate::rig::{Images, RigEstimate, RigFrame};
 
 /// Estimates the pose of a camera.
@@ -34,7 +34,7 @@ pub fn estimate_pose<R: Rng + ?Sized>(
         return msac::estimate(problem, options, rng);
     }
     let frames = [RigFrame::alone(problem.clone())];
-    let found = without_copies(&frames, |frames| Images::new(frames, options)?.estimate(options, rng));
+    let found = without_duplicates(&frames, |frames| Images::new(frames, options)?.estimate(options, rng));
     found.map(PoseEstimate::from).map_err(|error| match error {
         PoseError::NoConsensus { .. } if has_one_side(problem) => {
             PoseError::OneSided { lines: problem.points.len() }
@@ -66,7 +66,7 @@ pub fn estimate_rig_pose<R: Rng + ?Sized>(
         return Err(PoseError::NoFrames);
     }
     Images::check(frames)?;
-    without_copies(frames, |frames| Images::new(frames, options)?.estimate(options, rng))
+    without_duplicates(frames, |frames| Images::new(frames, options)?.estimate(options, rng))
 }
 
 /// Estimates the pose of a camera from an initial pose, such as the pose of the previous frame.
@@ -91,21 +91,21 @@ pub fn optimize_pose(
     }
     let frames = [RigFrame::alone(problem.clone())];
     let initial = RigFromWorld::new(*initial.rotation(), *initial.translation());
-    without_copies(&frames, |frames| Images::new(frames, options)?.optimize(&initial, options))
+    without_duplicates(&frames, |frames| Images::new(frames, options)?.optimize(&initial, options))
         .map(PoseEstimate::from)
 }
 
-/// Runs an estimation on the frames without copies.
-fn without_copies(
+/// Runs an estimation on the frames without duplicates.
+fn without_duplicates(
     frames: &[RigFrame],
     estimate: impl FnOnce(&[RigFrame]) -> Result<RigEstimate, PoseError>,
 ) -> Result<RigEstimate, PoseError> {
-    let without: Vec<Option<WithoutCopies>> =
-        frames.iter().map(|frame| WithoutCopies::of(&frame.problem)).collect();
+    let without: Vec<Option<WithoutDuplicates>> =
+        frames.iter().map(|frame| WithoutDuplicates::of(&frame.problem)).collect();
     if without.iter().all(Option::is_none) {
         return estimate(frames);
     }
-    let fewer = |(frame, without): (&RigFrame, &Option<WithoutCopies>)| match without {
+    let fewer = |(frame, without): (&RigFrame, &Option<WithoutDuplicates>)| match without {
         Some(without) => RigFrame { problem: without.problem.clone(), ..frame.clone() },
         None => frame.clone(),
     };
@@ -118,12 +118,4 @@ fn without_copies(
         }
     }
     Ok(estimate)
-}
-
-/// Whether all lines belong to one anchor.
-pub(crate) fn has_one_side(problem: &PoseProblem) -> bool {
-    match &problem.observations {
-        Correspondences::Anchored { lines, .. } => lines.iter().all(|(anchor, _)| *anchor == lines[0].0),
-        Correspondences::Points { .. } | Correspondences::Lines { .. } => false,
-    }
 }

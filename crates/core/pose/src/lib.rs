@@ -48,19 +48,13 @@
 #![forbid(unsafe_code)]
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails")]
 
-mod ambiguity;
 mod confidence;
-mod copies;
-mod cramer_rao;
 mod error;
 mod estimate;
-mod focal_lengths;
 pub mod likelihood;
 mod msac;
 mod options;
-mod pose_estimate;
 pub mod ransac;
-mod refine_inliers;
 mod rig;
 pub mod solvers;
 
@@ -69,11 +63,11 @@ pub use crate::likelihood::{
     Correspondences, FocalPrior, Gravity, MatchViewpoint, PoseProblem, PositionPrior,
 };
 pub use confidence::{Confidence, Doubt, Precision, State};
-pub use cramer_rao::fisher_information;
 pub use error::PoseError;
 pub use estimate::{estimate_pose, estimate_rig_pose, optimize_pose};
+pub use msac::cramer_rao::fisher_information;
+pub use msac::pose_estimate::{PoseEstimate, Rival};
+pub use msac::refine_inliers::refine_pose;
 pub use options::{AnchoredSolver, PoseOptions, ScoreKind, UnknownScore, UnknownSolver};
-pub use pose_estimate::{PoseEstimate, Rival};
 pub use ransac::Stop;
-pub use refine_inliers::refine_pose;
 pub use rig::{FrameEstimate, RigEstimate, RigFrame};

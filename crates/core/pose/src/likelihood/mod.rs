@@ -17,6 +17,7 @@ mod camera_error;
 mod covariance;
 mod descent;
 mod design_effect;
+pub(crate) mod duplicates;
 mod fisher;
 mod focal;
 mod gravity_test;

@@ -11,9 +11,9 @@ use super::lens::worst_known;
 use super::rival::find_rival;
 use super::search::Search;
 use crate::error::PoseError;
-use crate::focal_lengths::{BestCost, is_clear, over_focal_lengths};
 use crate::likelihood::{FocalPrior, Matches};
 use crate::options::PoseOptions;
+use crate::rig::focal_lengths::{BestCost, is_clear, over_focal_lengths};
 
 /// If a search over several frames leaves a doubt, it is repeated with this multiple of the minimum number of samples
 /// per frame: there are many matches in all frames together and few in each, and loose odometry with precise matches

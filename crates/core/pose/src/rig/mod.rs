@@ -12,6 +12,7 @@ mod assess;
 mod cameras;
 mod estimate;
 mod evidence;
+mod focal_lengths;
 mod frame;
 mod images;
 mod joint;

@@ -3,7 +3,7 @@
 //! The best pose explains its matches, but the others may not be wrong at random: a part of the map that looks alike
 //! proposes its own points for the same keypoints, and an object that was moved carries its matches with it. Both
 //! support a pose of their own, and the number of matches does not say which of the two is right: it depends on how
-//! often each place was photographed. The difference in likelihood to another pose ([`crate::ambiguity`]) is large for
+//! often each place was photographed. The difference in likelihood to another pose ([`crate::confidence::ambiguity`]) is large for
 //! both of them. Therefore the matches that the best pose does not explain are searched for a pose of their own, whose
 //! evidence is compared with that of the best pose.
 //!
@@ -22,7 +22,7 @@ use super::images::Images;
 use super::joint::Poses;
 use super::search::Search;
 use crate::confidence::MIN_RIVAL_SHARE;
-use crate::copies::spread;
+use crate::likelihood::duplicates::spread;
 use crate::likelihood::{FocalPrior, Matches, PoseProblem};
 use crate::options::PoseOptions;
 use crate::ransac::Budget;

@@ -7,7 +7,7 @@ use super::frame::Frame;
 use super::joint::{Poses, descend};
 use super::odometry::OdometryConstraint;
 use super::polish::polish_with_priors;
-use crate::ambiguity::margin;
+use crate::confidence::ambiguity::margin;
 use crate::likelihood::{CameraChange, PosePriors, PoseProblem, Symmetric6};
 use crate::options::PoseOptions;
 use crate::ransac::sampler::WeightedSampler;

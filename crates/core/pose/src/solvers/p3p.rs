@@ -62,7 +62,7 @@ pub fn p3p(
         return 0;
     }
     let x = points.map(|p| p.coords);
-    let Some(world) = Duals::of(&x, longest) else { return 0 };
+    let Some(world) = DualBasis::of(&x, longest) else { return 0 };
     let unit = 1.0 / longest;
     let triangle = Triangle {
         a12: sides[third] * unit,
@@ -178,13 +178,13 @@ fn positive(depth: Vector3<f64>) -> Option<Vector3<f64>> {
 }
 
 /// The dual basis of two sides of a triangle and its normal, as rows.
-struct Duals {
+struct DualBasis {
     rows: Matrix3<f64>,
     /// Squared height over the longest side.
     height_squared: f64,
 }
 
-impl Duals {
+impl DualBasis {
     /// `None` when the points lie on a line; `longest` is their longest side, squared.
     fn of(p: &[Vector3<f64>; 3], longest: f64) -> Option<Self> {
         let (along, other) = (p[2] - p[1], p[0] - p[1]);

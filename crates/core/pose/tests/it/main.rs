@@ -2,7 +2,7 @@
 
 mod camera;
 mod camera_priors;
-mod copies;
+mod duplicates;
 
 mod estimate;
 mod keypoints;

@@ -106,7 +106,7 @@ fn session_of_clustered_wrong_matches_is_not_trusted() {
 }
 
 #[test]
-fn copies_of_a_clustered_frame_are_not_trusted() {
+fn duplicates_of_a_clustered_frame_are_not_trusted() {
     for scheme in SCHEMES {
         for seed in 0..3 {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -128,7 +128,7 @@ fn copies_of_a_clustered_frame_are_not_trusted() {
 }
 
 #[test]
-fn copies_of_a_frame_count_once() {
+fn duplicates_of_a_frame_count_once() {
     for scheme in SCHEMES {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let (problem, _) = problem(&Setup { scheme, right: 25, wrong: 25, noise: 1.0 }, &mut rng);

@@ -1,4 +1,4 @@
-//! Copies among the matches: the same match many times, and many matches on one spot, count as few.
+//! Duplicates among the matches: the same match many times, and many matches on one spot, count as few.
 
 use super::support;
 
@@ -52,22 +52,22 @@ fn outcome(problem: &PoseProblem, truth: &CameraFromWorld, rng: &mut ChaCha8Rng)
 }
 
 #[test]
-fn copies_of_a_wrong_match_do_not_hide_the_pose() {
+fn duplicates_of_a_wrong_match_do_not_hide_the_pose() {
     for scheme in SCHEMES {
-        for (seed, copies) in [(1, 80), (2, 120), (3, 150), (4, 300)] {
+        for (seed, duplicates) in [(1, 80), (2, 120), (3, 150), (4, 300)] {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let (mut problem, truth) = problem(&Setup { scheme, ..SETUP }, &mut rng);
-            for _ in 0..copies {
+            for _ in 0..duplicates {
                 add(&mut problem, 170, 0.0, 0.0, &mut rng);
             }
             let (state, error) = outcome(&problem, &truth, &mut rng);
-            assert!(state == State::Trusted && error < 0.05, "{scheme:?} x{copies}: {state} {error}");
+            assert!(state == State::Trusted && error < 0.05, "{scheme:?} x{duplicates}: {state} {error}");
         }
     }
 }
 
 #[test]
-fn copies_of_all_wrong_matches_do_not_hide_the_pose() {
+fn duplicates_of_all_wrong_matches_do_not_hide_the_pose() {
     for scheme in SCHEMES {
         let mut rng = ChaCha8Rng::seed_from_u64(9);
         let (mut problem, truth) = problem(&Setup { scheme, ..SETUP }, &mut rng);
@@ -97,7 +97,7 @@ fn many_wrong_matches_on_one_spot_do_not_outvote_the_others() {
 }
 
 #[test]
-fn copies_change_neither_pose_nor_uncertainty() {
+fn duplicates_change_neither_pose_nor_uncertainty() {
     for scheme in [Scheme::Points, Scheme::Dcl] {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let (given, truth) = problem(&Setup { scheme, ..SETUP }, &mut rng);

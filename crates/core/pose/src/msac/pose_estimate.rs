@@ -16,7 +16,7 @@ pub struct PoseEstimate {
     pub inliers: Vec<bool>,
     /// How many do.
     pub inlier_count: usize,
-    /// How many keypoints they belong to, without copies of a match.
+    /// How many keypoints they belong to, without duplicates of a match.
     pub inlier_keypoints: usize,
     /// Minimal samples drawn.
     pub hypotheses: usize,

@@ -17,6 +17,8 @@
 //! accounts for the number of poses that were tried. Real wrong matches are not random (repeated structures agree with
 //! each other), so [`Confidence::is_trusted`] requires more; `docs/results/trust.md` reports measured false positives.
 
+pub(crate) mod ambiguity;
+
 use std::fmt;
 
 use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};

@@ -3,19 +3,22 @@
 //! It is kept to reproduce the paper's tables. The camera is taken as given, priors are ignored, and the covariance is the
 //! residuals' variance times `(JᵀJ)⁻¹`.
 
+pub(crate) mod cramer_rao;
+pub(crate) mod pose_estimate;
+pub(crate) mod refine_inliers;
+
 use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 
-use crate::ambiguity::margin;
+use crate::confidence::ambiguity::margin;
 use crate::confidence::{MIN_MARGIN, assess, free_direction};
 use crate::error::PoseError;
-use crate::estimate::has_one_side;
 use crate::likelihood::{
     Correspondences, Kernel, Loss, Matches, PoseProblem, Scale, free_along, inverse_or_infinite, linearize,
     refine,
 };
+use crate::msac::pose_estimate::PoseEstimate;
 use crate::options::PoseOptions;
-use crate::pose_estimate::PoseEstimate;
 use crate::ransac::minimal::Minimal;
 use crate::ransac::{Estimator, Stop, lo_ransac};
 
@@ -230,5 +233,13 @@ impl Estimator for Search<'_> {
         keep(self.descend(&best.0), &mut best);
         self.optima.push(best);
         best
+    }
+}
+
+/// Whether all lines belong to one anchor.
+pub(crate) fn has_one_side(problem: &PoseProblem) -> bool {
+    match &problem.observations {
+        Correspondences::Anchored { lines, .. } => lines.iter().all(|(anchor, _)| *anchor == lines[0].0),
+        Correspondences::Points { .. } | Correspondences::Lines { .. } => false,
     }
 }

@@ -1,4 +1,4 @@
-//! Copies among the matches: one match that was given many times, and many matches on one spot.
+//! Duplicates among the matches: one match that was given many times, and many matches on one spot.
 //!
 //! A map point is seen at one place of the image. Lists of matches that were joined from several sources contain the
 //! same match many times, and an object that was moved, or one patch of repeated texture, gives many matches of nearly
@@ -15,7 +15,7 @@ use crate::likelihood::{Correspondences, PoseProblem};
 
 /// Matches that are kept of one map point, and of one spot. A keypoint may be sent as several lines, and SIFT gives up
 /// to four orientations to one position.
-const MAX_COPIES: usize = 4;
+const MAX_DUPLICATES: usize = 4;
 
 /// Side of a spot in the image, as a share of the width: 8 pixels of 640.
 const SPOT: f64 = 1.0 / 80.0;
@@ -26,15 +26,15 @@ const SPOT_IN_SPACE: f64 = 1e-3;
 /// Side of the cells of [`spread`], in spots.
 const COARSE: f64 = 5.0;
 
-/// A problem without copies.
-pub(crate) struct WithoutCopies {
+/// A problem without duplicates.
+pub(crate) struct WithoutDuplicates {
     pub(crate) problem: PoseProblem,
     /// For each match of the given problem, `[N]`: the match of [`Self::problem`] that stands for it, if there is one.
     stands_for: Vec<Option<usize>>,
 }
 
-impl WithoutCopies {
-    /// The problem without copies; `None` if it has none. The most probable matches are kept, the first ones of equals.
+impl WithoutDuplicates {
+    /// The problem without duplicates; `None` if it has none. The most probable matches are kept, the first ones of equals.
     pub(crate) fn of(problem: &PoseProblem) -> Option<Self> {
         let n = problem.points.len();
         let mut order: Vec<usize> = (0..n).collect();
@@ -52,11 +52,11 @@ impl WithoutCopies {
         };
         let mut kept = at_most(1, order, pair);
         let distinct = kept.len();
-        kept = at_most(MAX_COPIES, kept, point);
-        if let Some(spots) = Spots::of(problem) {
+        kept = at_most(MAX_DUPLICATES, kept, point);
+        if let Some(fine) = SpatialCells::of(problem) {
             // A spot on the border of a grid's cells lies inside the cells of a grid shifted by half of them.
             for shift in [0.0, 0.5] {
-                kept = at_most(MAX_COPIES, kept, |i| spots.cell(i, shift));
+                kept = at_most(MAX_DUPLICATES, kept, |i| fine.cell(i, shift));
             }
         }
         if kept.len() == n {
@@ -74,19 +74,21 @@ impl WithoutCopies {
         Some(Self { problem: problem.subset(&kept), stands_for })
     }
 
-    /// Flags of the given problem's matches, `[N]`, from those of the problem without copies. Of more than
-    /// [`MAX_COPIES`] different matches on one spot, those that were left out have no flag.
+    /// Flags of the given problem's matches, `[N]`, from those of the problem without duplicates. Of more than
+    /// [`MAX_DUPLICATES`] different matches on one spot, those that were left out have no flag.
     pub(crate) fn expand(&self, flags: &[bool]) -> Vec<bool> {
         self.stands_for.iter().map(|kept| kept.is_some_and(|k| flags[k])).collect()
     }
 }
 
-/// The first [`MAX_COPIES`] of these matches in each cell of a grid whose cells are five times as large as spots: matches
+/// The first [`MAX_DUPLICATES`] of these matches in each cell of a grid whose cells are five times as large as spots: matches
 /// that support a second pose must be spread, because a pose is free to explain any single spot exactly.
 pub(crate) fn spread(problem: &PoseProblem, matches: Vec<usize>) -> Vec<usize> {
-    let Some(spots) = Spots::of(problem) else { return matches };
-    let cells = Spots { scale: COARSE, side: COARSE * spots.side, ..spots };
-    [0.0, 0.5].into_iter().fold(matches, |kept, shift| at_most(MAX_COPIES, kept, |i| cells.cell(i, shift)))
+    let Some(fine) = SpatialCells::of(problem) else { return matches };
+    let cells = SpatialCells { scale: COARSE, side: COARSE * fine.side, ..fine };
+    [0.0, 0.5]
+        .into_iter()
+        .fold(matches, |kept, shift| at_most(MAX_DUPLICATES, kept, |i| cells.cell(i, shift)))
 }
 
 /// A group of matches: equal numbers for matches of one group.
@@ -136,7 +138,7 @@ fn observation(of: &Correspondences, i: usize) -> [u64; 4] {
 }
 
 /// Cells of a grid in the image and in space.
-struct Spots<'a> {
+struct SpatialCells<'a> {
     problem: &'a PoseProblem,
     /// Side of a cell in the image, in spots.
     scale: f64,
@@ -144,7 +146,7 @@ struct Spots<'a> {
     side: f64,
 }
 
-impl<'a> Spots<'a> {
+impl<'a> SpatialCells<'a> {
     /// `None` when the points have no extent.
     fn of(problem: &'a PoseProblem) -> Option<Self> {
         let extent = |axis: usize| {
@@ -200,7 +202,7 @@ mod tests {
     #[test]
     fn matches_all_over_the_image_are_kept() {
         let (pixels, points) = spread();
-        assert!(WithoutCopies::of(&problem(pixels, points)).is_none());
+        assert!(WithoutDuplicates::of(&problem(pixels, points)).is_none());
     }
 
     #[test]
@@ -214,9 +216,13 @@ mod tests {
         let mut prior = vec![0.5; 69];
         prior[65] = 0.9;
         given.prior = Some(prior);
-        let without = WithoutCopies::of(&given).expect("copies");
+        let without = WithoutDuplicates::of(&given).expect("duplicates");
         assert_eq!(without.problem.points.len(), 60);
-        assert_eq!(without.problem.prior.as_ref().expect("kept")[59], 0.9, "the most probable copy is kept");
+        assert_eq!(
+            without.problem.prior.as_ref().expect("kept")[59],
+            0.9,
+            "the most probable duplicate is kept"
+        );
         let mut flags = vec![false; 60];
         flags[59] = true;
         let expanded = without.expand(&flags);
@@ -240,15 +246,15 @@ mod tests {
             one_spot.push([3.0 + 1e-5 * f64::from(i), 3.0, 1.0]);
         }
         let kept =
-            |pixels, points| WithoutCopies::of(&problem(pixels, points)).map(|w| w.problem.points.len());
+            |pixels, points| WithoutDuplicates::of(&problem(pixels, points)).map(|w| w.problem.points.len());
         assert_eq!(kept(places, one_point), Some(64));
-        assert!(kept(spot, one_spot).is_some_and(|n| n <= 60 + 2 * MAX_COPIES));
+        assert!(kept(spot, one_spot).is_some_and(|n| n <= 60 + 2 * MAX_DUPLICATES));
     }
 
     #[test]
     fn points_without_extent_are_limited_too() {
         let pixels: Vec<Pixel> = (0..30).map(|i| Pixel::new(20.0 * f64::from(i), 9.0)).collect();
-        let without = WithoutCopies::of(&problem(pixels, vec![[1.0; 3]; 30])).expect("copies");
-        assert_eq!(without.problem.points.len(), MAX_COPIES);
+        let without = WithoutDuplicates::of(&problem(pixels, vec![[1.0; 3]; 30])).expect("duplicates");
+        assert_eq!(without.problem.points.len(), MAX_DUPLICATES);
     }
 }

@@ -5,8 +5,8 @@ use veiloc_geometry::CameraFromWorld;
 use crate::confidence::assess;
 use crate::error::PoseError;
 use crate::likelihood::{Loss, Matches, PoseProblem, inverse_or_infinite, linearize, refine};
+use crate::msac::pose_estimate::PoseEstimate;
 use crate::options::PoseOptions;
-use crate::pose_estimate::PoseEstimate;
 
 /// Steps of Levenberg–Marquardt.
 const STEPS: usize = 50;
