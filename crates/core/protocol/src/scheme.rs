@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use crate::{DclLayout, HalvesLayout, QueryError, SectorLayout};
+use crate::{DclLayout, HalvesLayout, LayoutTurn, QueryError, SectorLayout};
 
 /// An obfuscation scheme.
 ///
@@ -132,6 +132,16 @@ impl Scheme {
             }
         }
         Ok(found)
+    }
+
+    /// Refuses a turn of a layout under a scheme that has none: only `dcl` has one.
+    pub(crate) fn check_turn(self, turn: LayoutTurn) -> Result<(), QueryError> {
+        match (self, turn.codes().into_iter().find(|code| *code != 0)) {
+            (Self::Dcl(_), _) | (_, None) => Ok(()),
+            (Self::Points | Self::RandomLines | Self::CoordinatePermutation, Some(value)) => {
+                Err(QueryError::Field { field: "turn", value, allowed: "0, because only dcl has one" })
+            }
+        }
     }
 }
 

@@ -80,7 +80,7 @@ impl SealedQuery {
         if SizeClass::from_rows(rows.len()).is_none() {
             return Err(mismatch("rows", "a size class".to_owned(), rows.len().to_string()));
         }
-        turn.check(scheme)?;
+        scheme.check_turn(turn)?;
         // The global descriptor is computed from exactly what is sent.
         let descriptors = descriptors.as_decoded();
         rows.check(scheme, angle_bits, &camera.pinhole(), turn)?;

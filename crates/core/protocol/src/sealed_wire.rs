@@ -106,7 +106,7 @@ fn read(message: SealedQueryMessage) -> Result<SealedQuery, QueryError> {
         present("turn_y", message.turn_y)?,
         present("turn_z", message.turn_z)?,
     ])?;
-    turn.check(scheme)?;
+    scheme.check_turn(turn)?;
 
     let expected = count * Rows::bits_per_row(scheme, angle_bits) as usize / 8;
     if positions.len() != expected {

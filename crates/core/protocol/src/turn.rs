@@ -4,7 +4,7 @@ use std::fmt;
 
 use veiloc_geometry::nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
-use crate::{QueryError, Scheme};
+use crate::QueryError;
 
 /// Steps of a code per radian.
 const PER_RADIAN: f64 = 1e6;
@@ -40,16 +40,6 @@ impl LayoutTurn {
     pub fn cam_from_layout(self) -> Rotation3<f64> {
         let [x, y, z] = self.0.map(|code| f64::from(code) / PER_RADIAN);
         Rotation3::from_scaled_axis(Vector3::new(x, y, z))
-    }
-
-    /// Only `dcl` has a layout to turn.
-    pub(crate) fn check(self, scheme: Scheme) -> Result<(), QueryError> {
-        match (scheme, self.codes().into_iter().find(|code| *code != 0)) {
-            (Scheme::Dcl(_), _) | (_, None) => Ok(()),
-            (Scheme::Points | Scheme::RandomLines | Scheme::CoordinatePermutation, Some(value)) => {
-                Err(QueryError::Field { field: "turn", value, allowed: "0, because only dcl has one" })
-            }
-        }
     }
 
     /// As on the wire: three 32-bit numbers, two's complement.

@@ -20,7 +20,7 @@ use crate::lines::read_text;
 use crate::official::is_whole;
 use crate::scene::{DatasetQuery, DatasetScene};
 use crate::write::lists::{make_folder_of, numbers, nvm, quaternion_and_translation, save_text};
-use crate::write::{DatasetCamera, DatasetView, ViewRole};
+use crate::write::view::{DatasetCamera, DatasetView, ViewRole};
 
 const GET: &str = "get it from https://www.visuallocalization.net/datasets/ (Aachen Day-Night)";
 

@@ -15,7 +15,7 @@ use crate::lines::read_text;
 use crate::official::is_whole;
 use crate::scene::{DatasetQuery, DatasetScene};
 use crate::write::lists::{make_folder_of, numbers, nvm, save_text};
-use crate::write::{DatasetCamera, DatasetView, ViewRole};
+use crate::write::view::{DatasetCamera, DatasetView, ViewRole};
 
 const GET: &str =
     "get the scene from https://www.repository.cam.ac.uk (Cambridge Landmarks) and unpack it whole";

@@ -17,7 +17,7 @@ use crate::lines::read_text;
 use crate::official::is_whole;
 use crate::scene::{DatasetQuery, DatasetScene};
 use crate::write::lists::{make_folder_of, numbers, quaternion_and_translation, save_text};
-use crate::write::{DatasetCamera, DatasetView, ViewRole};
+use crate::write::view::{DatasetCamera, DatasetView, ViewRole};
 
 const GET: &str = "get the scene from https://www.microsoft.com/en-us/research/project/rgb-d-dataset-7-scenes/ and \
                    unpack its sequences";

@@ -8,7 +8,6 @@ use serde::Deserialize;
 use veiloc_features::FeatureError;
 use veiloc_features::learned::{Engine, Network, Tensor};
 
-use super::positions::InputModality;
 use crate::{AttackError, DecodedDescriptors};
 
 /// The supported version.
@@ -17,6 +16,18 @@ const VERSION: i64 = 1;
 const MAX_BYTES: u64 = 1 << 16;
 /// Maximum length of a descriptor.
 const MAX_DIMENSION: usize = 8192;
+
+/// Input modality of a network: which part of a query it is given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum InputModality {
+    /// All rows: descriptors and lines.
+    Set,
+    /// Each row alone: its descriptor and its line.
+    Row,
+    /// Each line alone.
+    Line,
+}
 
 /// What a network predicts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]

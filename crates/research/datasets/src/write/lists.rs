@@ -5,7 +5,7 @@ use std::path::Path;
 
 use veiloc_geometry::CameraFromWorld;
 
-use super::DatasetCamera;
+use super::view::DatasetCamera;
 use crate::error::DatasetError;
 
 /// Creates the folder and writes the file atomically.

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use veiloc_geometry::frames::Rigid3;
 use veiloc_geometry::{CameraFromWorld, CameraModel, Intrinsics, IntrinsicsError, Pixel, Point3};
 
-use super::model::{ColmapImage, ColmapPoint, ColmapPoint2d, Parts};
+use super::parts::Parts;
+use super::records::{ColmapImage, ColmapPoint, ColmapPoint2d};
 use super::rigs::{ColmapFrame, ColmapRig, ColmapRigs, ColmapSensor, SensorKind};
 use crate::error::{FilePosition, MapError};
 

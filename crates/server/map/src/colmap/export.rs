@@ -2,7 +2,8 @@
 
 use veiloc_geometry::Pixel;
 
-use super::model::{ColmapImage, ColmapModel, ColmapPoint, ColmapPoint2d};
+use super::model::ColmapModel;
+use super::records::{ColmapImage, ColmapPoint, ColmapPoint2d};
 use crate::error::MapError;
 use crate::model::MapModel;
 

@@ -4,71 +4,13 @@ use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use veiloc_geometry::frames::World;
-use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel, Point3};
+use veiloc_geometry::Intrinsics;
 
+use super::parts::Parts;
+use super::records::{ColmapImage, ColmapPoint};
 use super::rigs::ColmapRigs;
 use crate::error::{MapError, ModelRecord};
 use crate::model::{is_name, is_rigid};
-
-/// The parts of a model as read, before cross-checks.
-#[derive(Default)]
-pub(crate) struct Parts {
-    pub(crate) cameras: Vec<(u32, Intrinsics)>,
-    pub(crate) images: Vec<ColmapImage>,
-    pub(crate) points: Vec<ColmapPoint>,
-    /// Rigs and frames, if the model has them.
-    pub(crate) rigs: Option<ColmapRigs>,
-    /// What was left out or changed, for people.
-    pub(crate) remarks: Vec<String>,
-}
-
-impl Parts {
-    /// Removes the references from 2D points to points, for a model without points.
-    pub(crate) fn forget_points(&mut self) {
-        self.points.clear();
-        self.images.iter_mut().flat_map(|i| &mut i.points2d).for_each(|p| p.point = None);
-    }
-}
-
-/// A keypoint of a COLMAP image.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ColmapPoint2d {
-    /// Position in the original (distorted) image.
-    pub pixel: Pixel,
-    /// The observed 3D point.
-    pub point: Option<u64>,
-}
-
-/// A posed image.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ColmapImage {
-    /// COLMAP's id of the image.
-    pub id: u32,
-    /// File name, relative to the folder of the images.
-    pub name: String,
-    /// COLMAP's id of its camera.
-    pub camera_id: u32,
-    /// Its pose.
-    pub cam_from_world: CameraFromWorld,
-    /// Its keypoints; tracks refer to them by index.
-    pub points2d: Vec<ColmapPoint2d>,
-}
-
-/// A triangulated point.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ColmapPoint {
-    /// COLMAP's id of the point.
-    pub id: u64,
-    /// Position, map units.
-    pub position: Point3<World>,
-    /// Red, green, blue.
-    pub color: [u8; 3],
-    /// Mean reprojection error over the track, pixels; -1 when COLMAP did not compute it.
-    pub error: f64,
-    /// Observations: image id, and index of the keypoint in that image.
-    pub track: Vec<(u32, u32)>,
-}
 
 /// A COLMAP model with valid references: every image has its camera, names and ids are unique, observations of images
 /// and points agree, every number is finite.

@@ -5,7 +5,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::model::{ColmapPoint2d, Parts};
+use super::parts::Parts;
+use super::records::ColmapPoint2d;
 
 impl Parts {
     /// Keeps the observations that both files have, and points with a position and an id of their own.

@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use veiloc_geometry::{CameraFromRig, CameraFromWorld, RigFromWorld};
 
-use super::model::{ColmapImage, Parts};
+use super::records::ColmapImage;
 
 /// Kind of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -155,7 +155,7 @@ impl ColmapRigs {
     }
 
     /// Poses of the images by their id, as far as rigs and frames tell them.
-    fn poses(&self) -> BTreeMap<u64, CameraFromWorld> {
+    pub(super) fn poses(&self) -> BTreeMap<u64, CameraFromWorld> {
         let rigs: BTreeMap<u32, &ColmapRig> = self.rigs.iter().map(|rig| (rig.id, rig)).collect();
         let mut poses = BTreeMap::new();
         for frame in &self.frames {
@@ -169,50 +169,3 @@ impl ColmapRigs {
         poses
     }
 }
-
-impl Parts {
-    /// Gives the images the poses of rigs and frames, and remarks on images whose own pose was another one.
-    ///
-    /// # Errors
-    /// What is inconsistent in the rigs and frames.
-    pub(super) fn pose_by(&mut self, rigs: ColmapRigs) -> Result<(), String> {
-        rigs.check()?;
-        let poses = rigs.poses();
-        let (mut overruled, mut without) = (0_usize, 0_usize);
-        let (mut farthest, mut widest) = (0.0_f64, 0.0_f64);
-        for image in &mut self.images {
-            let Some(pose) = poses.get(&image.id.into()) else {
-                without += 1;
-                continue;
-            };
-            let distance = pose.translation_error(&image.cam_from_world);
-            let angle = pose.rotation_error_degrees(&image.cam_from_world);
-            let size = 1.0 + pose.translation().norm();
-            if distance > SAME_POSITION * size || angle > SAME_ROTATION_DEG {
-                overruled += 1;
-                (farthest, widest) = (farthest.max(distance), widest.max(angle));
-            }
-            image.cam_from_world = *pose;
-        }
-        let of = self.images.len();
-        if overruled > 0 {
-            self.remarks.push(format!(
-                "{overruled} of {of} poses in images differ from those of rigs and frames, by up to {farthest:.3} map units \
-                 and {widest:.2}\u{b0}; the poses of rigs and frames are used, as COLMAP does"
-            ));
-        }
-        if without > 0 && !poses.is_empty() {
-            self.remarks.push(format!(
-                "{without} of {of} images have no frame, or a camera without a pose on its rig; their poses in images are \
-                 used"
-            ));
-        }
-        self.rigs = Some(rigs);
-        Ok(())
-    }
-}
-
-/// Poses that differ by less are equal: text files have at least six digits. Part of the distance from the origin.
-const SAME_POSITION: f64 = 1e-5;
-/// The same for rotations, degrees.
-const SAME_ROTATION_DEG: f64 = 1e-3;

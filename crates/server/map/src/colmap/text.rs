@@ -8,7 +8,8 @@ use veiloc_geometry::frames::Rigid3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, IntrinsicsError, Pixel, Point3};
 
 use super::binary::NO_POINT;
-use super::model::{ColmapImage, ColmapPoint, ColmapPoint2d, Parts};
+use super::parts::Parts;
+use super::records::{ColmapImage, ColmapPoint, ColmapPoint2d};
 use super::rigs::{ColmapFrame, ColmapRig, ColmapRigs, ColmapSensor, SensorKind};
 use crate::error::{FilePosition, MapError};
 use crate::text::text_of;

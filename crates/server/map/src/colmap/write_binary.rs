@@ -4,7 +4,8 @@ use std::path::Path;
 
 use super::binary::NO_POINT;
 use super::folder::write_files;
-use super::model::{ColmapImage, ColmapModel, ColmapPoint};
+use super::model::ColmapModel;
+use super::records::{ColmapImage, ColmapPoint};
 use super::rigs::{ColmapFrame, ColmapRig, ColmapSensor};
 use crate::error::MapError;
 use veiloc_geometry::Intrinsics;

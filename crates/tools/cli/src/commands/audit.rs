@@ -15,6 +15,7 @@ use crate::args::feature_args::ImageFeatureArgs;
 use crate::args::json_args::JsonArgs;
 use crate::commands::attack::AdversaryArgs;
 use crate::commands::eval::html;
+use crate::output::command_line::command_line;
 use crate::output::exit::{Exit, Failure, Outcome};
 use crate::output::files;
 use crate::output::stages::Stages;
@@ -134,19 +135,4 @@ fn report_path(out: &Path) -> Result<PathBuf, Failure> {
         files::make_folder(folder)?;
     }
     Ok(path)
-}
-
-/// Returns the command line, quoted for a shell.
-pub(crate) fn command_line() -> String {
-    let plain = |c: char| c.is_alphanumeric() || "-_./,=:%+@".contains(c);
-    let quoted = |word: String| {
-        if !word.is_empty() && word.chars().all(plain) {
-            word
-        } else {
-            format!("'{}'", word.replace('\'', r"'\''"))
-        }
-    };
-    let words = crate::output::command_line::arguments().into_iter();
-    let words = words.map(|word| quoted(word.to_string_lossy().into_owned()));
-    std::iter::once("veiloc".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
 }

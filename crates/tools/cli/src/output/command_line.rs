@@ -16,3 +16,18 @@ pub(crate) fn record(arguments: &[OsString]) {
 pub(crate) fn arguments() -> Vec<OsString> {
     ARGUMENTS.get().cloned().unwrap_or_else(|| std::env::args_os().skip(1).collect())
 }
+
+/// Returns the command line, quoted for a shell.
+pub(crate) fn command_line() -> String {
+    let plain = |c: char| c.is_alphanumeric() || "-_./,=:%+@".contains(c);
+    let quoted = |word: String| {
+        if !word.is_empty() && word.chars().all(plain) {
+            word
+        } else {
+            format!("'{}'", word.replace('\'', r"'\''"))
+        }
+    };
+    let words = arguments().into_iter();
+    let words = words.map(|word| quoted(word.to_string_lossy().into_owned()));
+    std::iter::once("veiloc".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
+}

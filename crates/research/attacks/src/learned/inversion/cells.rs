@@ -2,7 +2,7 @@
 
 use veiloc_geometry::Pixel;
 
-use super::Grid;
+use super::grid::Grid;
 use crate::{KnownSegment, Observation};
 
 /// Descriptor, cell, and the share of the descriptor in that cell.

@@ -11,6 +11,7 @@
 //! shares `sᵢ` has the channels `Σ sᵢ dᵢ / max(Σ sᵢ, 1)`, and `ln(1 + Σ sᵢ)` as the last one.
 
 mod cells;
+mod grid;
 
 use std::path::Path;
 
@@ -18,6 +19,7 @@ use veiloc_features::ColourImage;
 use veiloc_features::learned::Tensor;
 use veiloc_geometry::Pixel;
 
+pub use self::grid::Grid;
 use super::description::{DescribedNetwork, NetworkKind};
 use crate::{AttackError, DecodedDescriptors, Observation};
 
@@ -25,33 +27,6 @@ use crate::{AttackError, DecodedDescriptors, Observation};
 const SIDES: std::ops::RangeInclusive<usize> = 16..=2048;
 /// Maximum number of values in a grid: one gibibyte.
 const MAX_NUMBERS: usize = 1 << 28;
-
-/// Size of a grid, cells.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Grid {
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-}
-
-impl Grid {
-    /// The grid with about `side` cells along the longer side for an image of this size; both sides are multiples of
-    /// `multiple`.
-    fn of_image([width, height]: [u32; 2], side: usize, multiple: usize) -> Self {
-        let scale = side as f64 / f64::from(width.max(height).max(1));
-        let along = |pixels: u32| {
-            let whole = (f64::from(pixels) * scale / multiple as f64).round() as usize;
-            whole.max(1) * multiple
-        };
-        Self { width: along(width), height: along(height) }
-    }
-
-    /// Number of cells.
-    pub fn cells(self) -> usize {
-        self.width * self.height
-    }
-}
 
 /// What the attacker knows about the positions of descriptors.
 #[derive(Debug, Clone, Copy)]

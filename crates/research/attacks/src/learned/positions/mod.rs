@@ -17,7 +17,6 @@ mod recover;
 
 use std::path::Path;
 
-use serde::Deserialize;
 use veiloc_features::learned::Tensor;
 use veiloc_protocol::Scheme;
 
@@ -25,6 +24,7 @@ use super::description::{DescribedNetwork, NetworkKind};
 use super::rows;
 use crate::{AttackError, DecodedDescriptors, Observation};
 
+pub use super::description::InputModality;
 pub use accuracy::{PositionAccuracy, position_accuracy};
 pub use recover::{PositionEstimate, recover};
 
@@ -32,18 +32,6 @@ use bins::Bins;
 
 /// Log prior of padding bins.
 const NO_BIN: f32 = -1e9;
-
-/// Input modality of a network: which part of a query it is given.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum InputModality {
-    /// All rows: descriptors and lines.
-    Set,
-    /// Each row alone: its descriptor and its line.
-    Row,
-    /// Each line alone.
-    Line,
-}
 
 /// Predicts the position of each keypoint on its line.
 #[derive(Debug)]

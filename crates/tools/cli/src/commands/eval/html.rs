@@ -11,7 +11,7 @@ use veiloc_map::MapFile;
 use veiloc_report::{LengthUnit, LocalizationReport, SceneView, localization_page, worst_first};
 
 use crate::args::report_args::ReportFileArgs;
-use crate::commands::audit::command_line;
+use crate::output::command_line::command_line;
 use crate::output::exit::Failure;
 use crate::output::files;
 use crate::output::stages::Stages;
