@@ -57,14 +57,14 @@ impl Features {
         }
     }
 
-    /// The features whose descriptor window does not touch a mask: the disc of `sight` times the scale around the
+    /// The features whose descriptor window does not touch a mask: the disc of `receptive_field` times the scale around the
     /// keypoint, plus a pixel. The mask may have the size of the image before it was scaled to `size`.
     #[must_use]
-    pub(crate) fn clear_of(self, mask: &Mask, size: (u32, u32), sight: f64) -> Self {
+    pub(crate) fn clear_of(self, mask: &Mask, size: (u32, u32), receptive_field: f64) -> Self {
         let grown = [(mask.width(), size.0), (mask.height(), size.1)];
         let [columns, rows] = grown.map(|(file, own)| f64::from(file) / f64::from(own.max(1)));
         let clear = |keypoint: &Keypoint| {
-            let radius = (sight * f64::from(keypoint.scale) + 1.0) * columns.max(rows);
+            let radius = (receptive_field * f64::from(keypoint.scale) + 1.0) * columns.max(rows);
             !mask.touches(keypoint.pixel.u * columns, keypoint.pixel.v * rows, radius)
         };
         let kept: Vec<usize> = (0..self.keypoints.len()).filter(|&i| clear(&self.keypoints[i])).collect();

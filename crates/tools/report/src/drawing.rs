@@ -13,14 +13,14 @@ const MAX_LINES: usize = 400;
 
 /// The margin around an image.
 #[derive(Clone, Copy)]
-pub enum Rim {
+pub enum Margin {
     /// A margin for anchors and answers just outside the image.
     Narrow,
     /// Twice the width and height of the image.
     Wide,
 }
 
-impl Rim {
+impl Margin {
     /// Width of the margin, pixels of the image.
     pub fn of(self, (width, height): (u32, u32)) -> f64 {
         f64::from(width.max(height)) * if matches!(self, Self::Wide) { 0.5 } else { 0.05 }
@@ -28,10 +28,15 @@ impl Rim {
 }
 
 /// A drawing in pixel coordinates of an image.
-pub fn picture(label: &str, size: (u32, u32), rim: Rim, layers: &Markup) -> Markup {
-    let ((w, h), rim) = (size, rim.of(size));
-    let view =
-        format!("{:.0} {:.0} {:.0} {:.0}", -rim, -rim, f64::from(w) + 2.0 * rim, f64::from(h) + 2.0 * rim);
+pub fn picture(label: &str, size: (u32, u32), margin: Margin, layers: &Markup) -> Markup {
+    let ((w, h), margin) = (size, margin.of(size));
+    let view = format!(
+        "{:.0} {:.0} {:.0} {:.0}",
+        -margin,
+        -margin,
+        f64::from(w) + 2.0 * margin,
+        f64::from(h) + 2.0 * margin
+    );
     html! {
         svg.picture viewBox=(view) role="img" aria-label=(label) { rect.frame width=(w) height=(h) {} (layers) }
     }

@@ -145,9 +145,9 @@ impl Plan {
             return None;
         }
         let extent = (x.1 - x.0).max(y.1 - y.0);
-        let rim = if extent > 0.0 { 0.08 * extent } else { 1.0 };
-        let low = Vector2::new(x.0 - rim, y.0 - rim);
-        let (wide, tall) = (x.1 - x.0 + 2.0 * rim, y.1 - y.0 + 2.0 * rim);
+        let margin = if extent > 0.0 { 0.08 * extent } else { 1.0 };
+        let low = Vector2::new(x.0 - margin, y.0 - margin);
+        let (wide, tall) = (x.1 - x.0 + 2.0 * margin, y.1 - y.0 + 2.0 * margin);
         let scale = (WIDTH / wide).min(WIDTH * 1.4 / tall);
         // A tall scene is centred on the page.
         let low = Vector2::new(low.x - (WIDTH / scale - wide) / 2.0, low.y);

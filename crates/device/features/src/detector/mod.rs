@@ -5,15 +5,15 @@
 //! not hidden.
 //!
 //! - [`Detector`]: a file, and its detections.
-//! - [`Hider`]: classes to hide, with a margin: from an image to its [`Mask`](crate::Mask).
+//! - [`ObjectMasker`]: classes to hide, with a margin: from an image to its [`Mask`](crate::Mask).
 #![forbid(unsafe_code)]
 
 mod boxes;
 mod classes;
 mod detect;
-mod hider;
 mod letterbox;
+mod object_masker;
 
 pub use boxes::Detection;
 pub use detect::Detector;
-pub use hider::{Hidden, HideOptions, Hider};
+pub use object_masker::{Hidden, HideOptions, ObjectMasker};

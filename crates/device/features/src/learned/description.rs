@@ -35,7 +35,7 @@
 //! interpolation = "linear"          # or "cubic"
 //! grid = "centers"                  # position of cells: "centers", "corners", "superpoint", "xfeat"
 //! length = 512                      # of a vector in byte units; default: 32 times the root of `numbers`
-//! sight = 32                        # radius of a descriptor's window, pixels
+//! receptive_field = 32                        # radius of a descriptor's window, pixels
 //!
 //! [projection]                      # of the descriptors to numbers of 4 bits; optional
 //! file = "mine.bin"                 # beside this file, from `study features projection`, or built in (`projections/`)
@@ -155,7 +155,7 @@ pub(crate) struct Descriptors {
     #[serde(default)]
     pub(crate) grid: Grid,
     pub(crate) length: Option<u32>,
-    pub(crate) sight: f64,
+    pub(crate) receptive_field: f64,
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
@@ -326,9 +326,9 @@ impl Description {
                 "of a finite threshold, a radius of at most 64, 8 rounds, a border of 1024",
             );
         }
-        let Descriptors { stride, sight, .. } = &self.descriptors;
-        if !(1..=64).contains(stride) || !(0.0..=4096.0).contains(sight) {
-            return refused("descriptors.stride and .sight", "1 to 64, and 0 to 4096");
+        let Descriptors { stride, receptive_field, .. } = &self.descriptors;
+        if !(1..=64).contains(stride) || !(0.0..=4096.0).contains(receptive_field) {
+            return refused("descriptors.stride and .receptive_field", "1 to 64, and 0 to 4096");
         }
         Ok(())
     }

@@ -162,6 +162,6 @@ impl Extractor for Learned {
     }
 
     fn receptive_field(&self) -> f64 {
-        self.description.descriptors.sight
+        self.description.descriptors.receptive_field
     }
 }

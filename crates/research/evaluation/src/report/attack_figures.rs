@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use maud::{Markup, html};
 use veiloc_attacks::ErrorSummary;
 use veiloc_geometry::Pixel;
-use veiloc_report::drawing::{Rim, dots, picture, sent, shared_image, strokes};
+use veiloc_report::drawing::{Margin, dots, picture, sent, shared_image, strokes};
 use veiloc_report::images::data_address;
 use veiloc_report::numbers::{percent, pixels};
 use veiloc_report::page::{figure, legend};
@@ -66,34 +66,34 @@ impl<'a> AttackFigures<'a> {
         html! { use class={ "dot " (class) } href={ "#" (self.id) "-truth" } {} }
     }
 
-    fn figure(&self, label: &str, rim: Rim, layers: &Markup, caption: &str, remark: &str) -> Markup {
+    fn figure(&self, label: &str, margin: Margin, layers: &Markup, caption: &str, remark: &str) -> Markup {
         let label = format!("{label}, {}", self.shown.name);
-        figure(&picture(&label, self.shown.size, rim, layers), &html! { b { (caption) } " " (remark) })
+        figure(&picture(&label, self.shown.size, margin, layers), &html! { b { (caption) } " " (remark) })
     }
 
     /// The true keypoints, over the photograph if there is one.
     pub(super) fn original(&self) -> Markup {
         let layers = html! { (self.backdrop("photograph")) (self.truth("ring")) (self.truth("keypoint")) };
         let remark = format!("{} keypoints; a scheme must hide their positions.", self.shown.truth.len());
-        self.figure("True keypoints", Rim::Narrow, &layers, "True keypoints.", &remark)
+        self.figure("True keypoints", Margin::Narrow, &layers, "True keypoints.", &remark)
     }
 
     /// The rows sent under a scheme.
     pub(super) fn sent(&self, scheme: &ShownScheme, caption: &str) -> Markup {
         let (layers, remark) = sent(&scheme.sent, self.shown.size);
-        self.figure("What is sent", Rim::Narrow, &layers, caption, &remark)
+        self.figure("What is sent", Margin::Narrow, &layers, caption, &remark)
     }
 
     /// Positions recovered by an attack, some of them joined to the truth.
     pub(super) fn recovered(&self, attack: &ShownAttack, caption: &str) -> Markup {
         let (w, h) = (f64::from(self.shown.size.0), f64::from(self.shown.size.1));
-        let outside = |rim: Rim| {
-            let rim = rim.of(self.shown.size);
-            let inside = |p: &&Pixel| p.u > -rim && p.v > -rim && p.u < w + rim && p.v < h + rim;
+        let outside = |margin: Margin| {
+            let margin = margin.of(self.shown.size);
+            let inside = |p: &&Pixel| p.u > -margin && p.v > -margin && p.u < w + margin && p.v < h + margin;
             attack.answers.len() - attack.answers.iter().filter(inside).count()
         };
-        let is_zoomed = outside(Rim::Narrow) as f64 > ZOOM_OUT * attack.answers.len() as f64;
-        let rim = if is_zoomed { Rim::Wide } else { Rim::Narrow };
+        let is_zoomed = outside(Margin::Narrow) as f64 > ZOOM_OUT * attack.answers.len() as f64;
+        let margin = if is_zoomed { Margin::Wide } else { Margin::Narrow };
         let rows: Vec<usize> = (0..attack.answers.len().min(self.shown.truth.len())).collect();
         let errors = every(&rows, MAX_ERRORS).map(|&row| [self.shown.truth[row], attack.answers[row]]);
         let layers = html! {
@@ -108,14 +108,14 @@ impl<'a> AttackFigures<'a> {
             pixels(summary.median_px),
             percent(summary.under_10px)
         );
-        let gone = outside(rim);
+        let gone = outside(margin);
         if is_zoomed {
             remark.push_str(" Zoomed out by two.");
         }
         if gone > 0 {
             let _ = write!(remark, " {gone} lie outside the drawing.");
         }
-        self.figure("Recovered keypoints", rim, &layers, caption, &remark)
+        self.figure("Recovered keypoints", margin, &layers, caption, &remark)
     }
 
     /// The error of each keypoint, drawn at the true position: the paper's Fig. 4 (c).
@@ -126,7 +126,7 @@ impl<'a> AttackFigures<'a> {
         );
         let under = attack.errors.iter().filter(|error| **error < 30.0).count();
         let remark = format!("{under} of {} keypoints are recovered to within 30 px.", rows.len());
-        self.figure("Error of each keypoint", Rim::Narrow, &layers, caption, &remark)
+        self.figure("Error of each keypoint", Margin::Narrow, &layers, caption, &remark)
     }
 
     /// The standard deviation of the positions at which a line intersects its neighbours' lines: the paper's Fig. 4
@@ -143,7 +143,7 @@ impl<'a> AttackFigures<'a> {
             "Blue: under 1 px, the neighbours cross at the anchor ({flat} keypoints); green, yellow: under 10, under 100 px; \
              orange, red: 100, 1000 px or more."
         );
-        self.figure("Spread of crossings", Rim::Narrow, &layers, caption, &remark)
+        self.figure("Spread of crossings", Margin::Narrow, &layers, caption, &remark)
     }
 }
 

@@ -6,7 +6,7 @@ use maud::{Markup, html};
 use veiloc_geometry::Pixel;
 
 use super::attacks;
-use veiloc_report::drawing::{self, Rim};
+use veiloc_report::drawing::{self, Margin};
 use veiloc_report::images::data_address;
 use veiloc_report::localization::{
     LocalizationReport, QueryDrawing, figure, overview, queries_section, scene_title, scenes,
@@ -132,7 +132,7 @@ fn lines(query: &QueryDrawing) -> Markup {
                 @let (drawn, remark) = drawing::sent(&sent.sent, sent.size);
                 @let label = format!("What is sent under {name}");
                 (page::figure(
-                    &drawing::picture(&label, sent.size, Rim::Narrow, &drawn),
+                    &drawing::picture(&label, sent.size, Margin::Narrow, &drawn),
                     &html! { b { (name) "." } " " (scheme_explanation(&sent.scheme)) " " (remark) },
                 ))
             }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use veiloc_features::detector::{HideOptions, Hider};
+use veiloc_features::detector::{HideOptions, ObjectMasker};
 use veiloc_features::{FeatureError, Mask, load_mask};
 
 use crate::output::exit::Failure;
@@ -36,11 +36,11 @@ fn margin(text: &str) -> Result<f32, String> {
 }
 
 /// The detector, ready to run.
-pub(crate) struct HiddenPartDetector(Option<Hider>);
+pub(crate) struct MaskedRegionDetector(Option<ObjectMasker>);
 
 /// The hidden part of one image.
 #[derive(Default)]
-pub(crate) struct HiddenPart {
+pub(crate) struct MaskedRegion {
     /// `None` if nothing is hidden.
     pub(crate) mask: Option<Mask>,
     /// Number of detections per class; `None` if no detector ran.
@@ -64,30 +64,32 @@ impl MaskArgs {
     }
 
     /// Loads the detector if requested: a command whose detector cannot be used seals nothing.
-    pub(crate) fn open(&self) -> Result<HiddenPartDetector, Failure> {
-        let Some(file) = &self.detector else { return Ok(HiddenPartDetector(None)) };
+    pub(crate) fn open(&self) -> Result<MaskedRegionDetector, Failure> {
+        let Some(file) = &self.detector else { return Ok(MaskedRegionDetector(None)) };
         let mut options = HideOptions::default();
         options.margin = self.hide_margin.unwrap_or(options.margin);
-        Ok(HiddenPartDetector(Some(Hider::open(file, &self.hide, options).map_err(Failure::refused)?)))
+        Ok(MaskedRegionDetector(Some(
+            ObjectMasker::open(file, &self.hide, options).map_err(Failure::refused)?,
+        )))
     }
 }
 
-impl HiddenPartDetector {
+impl MaskedRegionDetector {
     /// Returns the hidden part of an image, from the mask file and the detections. An unusable mask is an error of the
     /// image, which is then not sealed.
-    pub(crate) fn of(&self, image: &Path, mask: Option<&Path>) -> Result<HiddenPart, InputError> {
+    pub(crate) fn of(&self, image: &Path, mask: Option<&Path>) -> Result<MaskedRegion, InputError> {
         let mask = mask.map(|path| load_mask(path).map_err(|error| mask_error(&error))).transpose()?;
-        let Some(hider) = &self.0 else { return Ok(HiddenPart { mask, found: None }) };
-        let hidden = hider.hide(image).map_err(|error| mask_error(&error))?;
+        let Some(masker) = &self.0 else { return Ok(MaskedRegion { mask, found: None }) };
+        let hidden = masker.hide(image).map_err(|error| mask_error(&error))?;
         let both = match (mask, hidden.mask) {
             (Some(mask), Some(found)) => Some(mask.and(&found).map_err(|error| mask_error(&error))?),
             (mask, found) => mask.or(found),
         };
-        Ok(HiddenPart { mask: both, found: Some(hidden.found) })
+        Ok(MaskedRegion { mask: both, found: Some(hidden.found) })
     }
 }
 
-impl HiddenPart {
+impl MaskedRegion {
     /// Returns the hidden share of the image; `None` if nothing is hidden.
     pub(crate) fn share(&self) -> Option<f64> {
         self.mask.as_ref().map(Mask::share)

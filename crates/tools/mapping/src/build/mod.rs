@@ -269,7 +269,7 @@ pub(crate) fn seeds_of(posed: &PosedImages, images: &[&PosedImage]) -> Seeds {
 /// Adds the points that matches triangulate well enough to judge which other images see them.
 pub(crate) fn add_seeds(scene: &Scene<'_>, edges: &[Edge], seeds: &mut Seeds) {
     for edge in edges {
-        let (Some(a), Some(b)) = (scene.sight(edge.a), scene.sight(edge.b)) else { continue };
+        let (Some(a), Some(b)) = (scene.observation(edge.a), scene.observation(edge.b)) else { continue };
         let Some(point) = nearest_to_both_rays(&a, &b) else { continue };
         if widest_angle_deg(&[a, b], &point) >= MIN_SEED_ANGLE_DEG && a.agrees(&point) && b.agrees(&point) {
             seeds[edge.a.0 as usize].push(point);

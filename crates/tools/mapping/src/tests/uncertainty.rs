@@ -49,8 +49,8 @@ fn noisy_map(images: usize, degrees: f64, points: &[Vector3<f64>], rng: &mut Cha
     let triangulated: Vec<MapPoint> = (0..points.len() as u32)
         .map(|k| {
             let track: Vec<(u32, u32)> = (0..images as u32).map(|i| (i, k)).collect();
-            let (_, sights) = scene.sights(&track);
-            let found = triangulate(&sights, 2, 0.1).expect("all keypoints are inliers");
+            let (_, observations) = scene.observations(&track);
+            let found = triangulate(&observations, 2, 0.1).expect("all keypoints are inliers");
             let track = track.into_iter().map(|(image, keypoint)| Observation { image, keypoint });
             MapPoint { position: Point3::from_vector(found.position), track: track.collect(), error: 0.5 }
         })

@@ -36,7 +36,7 @@ fn attach(scene: &mut Scene<'_>, edges: &[Edge]) {
                 _ => continue,
             };
             let point = &scene.points[index as usize];
-            let agrees = scene.sight(node).is_some_and(|s| s.agrees(&point.position));
+            let agrees = scene.observation(node).is_some_and(|s| s.agrees(&point.position));
             if agrees && !point.sees(node.0) {
                 scene.points[index as usize].insert(node);
                 scene.assign(node, Some(index));
@@ -64,15 +64,15 @@ fn merge(scene: &mut Scene<'_>, edges: &[Edge], settings: &BuildSettings) {
         let (p, q) = (&scene.points[keep as usize], &scene.points[give as usize]);
         // One image may contain two keypoints of one point, but only close to each other.
         let (doubled, joining): (Vec<Node>, Vec<Node>) = q.track.iter().partition(|n| p.sees(n.0));
-        let together = |node: &Node| scene.sight(*node).is_some_and(|s| s.agrees(&p.position));
+        let together = |node: &Node| scene.observation(*node).is_some_and(|s| s.agrees(&p.position));
         if joining.is_empty() || !doubled.iter().all(together) {
             continue;
         }
         let mut union: Vec<Node> = p.track.iter().chain(&joining).copied().collect();
         union.sort_unstable();
-        let (nodes, sights) = scene.sights(&union);
+        let (nodes, observations) = scene.observations(&union);
         let found = refine_inliers(
-            &sights,
+            &observations,
             p.position,
             settings.min_track_length as usize,
             settings.min_triangulation_angle_deg,
@@ -151,7 +151,7 @@ fn candidates(
             let max_distance = scene.descriptors[i].kind().same_point_distance();
             free[i]
                 .near(pixel)
-                .filter(|k| scene.sight((image, *k)).is_some_and(|s| s.agrees(&point.position)))
+                .filter(|k| scene.observation((image, *k)).is_some_and(|s| s.agrees(&point.position)))
                 .map(|k| {
                     let own = scene.descriptors[i].row(k as usize);
                     let distance =

@@ -67,12 +67,12 @@ impl<'a> HoldOutMap<'a> {
     fn point_without(&self, id: PointId, images: &BTreeSet<usize>) -> Option<HeldOutPoint> {
         let mut point = self.scene.points[id.index()].clone();
         point.track.retain(|node| !images.contains(&(node.0 as usize)));
-        let (nodes, sights) = self.scene.sights(&point.track);
+        let (nodes, observations) = self.scene.observations(&point.track);
         let min_observations = self.settings.min_track_length as usize;
         let angle = self.settings.min_triangulation_angle_deg;
         // Without this image the others may agree on another position.
-        let found = refine_inliers(&sights, point.position, min_observations, angle)
-            .or_else(|| triangulate(&sights, min_observations, angle))?;
+        let found = refine_inliers(&observations, point.position, min_observations, angle)
+            .or_else(|| triangulate(&observations, min_observations, angle))?;
         let agreeing = nodes.iter().zip(&found.agree).filter_map(|(node, agrees)| agrees.then_some(node));
         let track: Vec<Observation> =
             agreeing.map(|&(image, keypoint)| Observation { image, keypoint }).collect();

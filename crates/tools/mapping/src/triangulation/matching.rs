@@ -6,7 +6,7 @@ use veiloc_geometry::nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::input::cache::BuildCache;
 use crate::progress::Progress;
-use crate::triangulation::triangulate::{Sight, nearest_to_both_rays};
+use crate::triangulation::triangulate::{ViewObservation, nearest_to_both_rays};
 use crate::triangulation::view::View;
 
 /// Two keypoints with similar descriptors that lie on each other's epipolar lines.
@@ -112,10 +112,11 @@ impl Epipolar {
         if !near {
             return false;
         }
-        let (sight_a, sight_b) = (Sight { view: a, plane: x }, Sight { view: b, plane: y });
+        let (observation_a, observation_b) =
+            (ViewObservation { view: a, plane: x }, ViewObservation { view: b, plane: y });
         let (d, e) = (a.ray(&x).normalize(), b.ray(&y).normalize());
         // Almost parallel rays intersect far away, in front or behind depending on noise.
-        d.cross(&e).norm() < NEARLY_PARALLEL || nearest_to_both_rays(&sight_a, &sight_b).is_some()
+        d.cross(&e).norm() < NEARLY_PARALLEL || nearest_to_both_rays(&observation_a, &observation_b).is_some()
     }
 }
 

@@ -10,7 +10,7 @@ use crate::input::cache::ExtractedFeatures;
 use crate::input::options::pixels_at;
 use crate::triangulation::matching::Edge;
 use crate::triangulation::tracks::{Node, build_tracks};
-use crate::triangulation::triangulate::{Sight, refine_inliers, triangulate};
+use crate::triangulation::triangulate::{ViewObservation, refine_inliers, triangulate};
 use crate::triangulation::view::View;
 
 /// A point that may still change.
@@ -113,14 +113,14 @@ impl<'a> Scene<'a> {
         self.point_of[node.0 as usize][node.1 as usize] = point;
     }
 
-    pub(crate) fn sight(&self, node: Node) -> Option<Sight<'_>> {
+    pub(crate) fn observation(&self, node: Node) -> Option<ViewObservation<'_>> {
         let view = &self.views[node.0 as usize];
-        Some(Sight { view, plane: view.plane[node.1 as usize]? })
+        Some(ViewObservation { view, plane: view.plane[node.1 as usize]? })
     }
 
-    /// Returns the keypoints that have a ray, with their sights.
-    pub(crate) fn sights(&self, track: &[Node]) -> (Vec<Node>, Vec<Sight<'_>>) {
-        track.iter().filter_map(|n| Some((*n, self.sight(*n)?))).unzip()
+    /// Returns the keypoints that have a ray, with their observations.
+    pub(crate) fn observations(&self, track: &[Node]) -> (Vec<Node>, Vec<ViewObservation<'_>>) {
+        track.iter().filter_map(|n| Some((*n, self.observation(*n)?))).unzip()
     }
 
     /// Builds tracks from the edges between keypoints without a point, and triangulates the tracks.
@@ -137,11 +137,12 @@ impl<'a> Scene<'a> {
     /// A wrong match merges the tracks of two points: observations that disagree with the first point may give a second
     /// one.
     fn points_of_track(&self, track: &[Node], settings: &BuildSettings) -> Vec<WorkPoint> {
-        let (mut nodes, mut sights) = self.sights(track);
+        let (mut nodes, mut observations) = self.observations(track);
         let mut points = Vec::new();
         let mut min_observations = settings.min_track_length as usize;
         while nodes.len() >= min_observations {
-            let Some(found) = triangulate(&sights, min_observations, settings.min_triangulation_angle_deg)
+            let Some(found) =
+                triangulate(&observations, min_observations, settings.min_triangulation_angle_deg)
             else {
                 break;
             };
@@ -149,7 +150,7 @@ impl<'a> Scene<'a> {
             let (inside, outside): (Vec<Node>, Vec<Node>) =
                 nodes.iter().partition(|_| *agree.next().expect("one flag per observation"));
             points.push(WorkPoint { position: found.position, track: inside, touched: true });
-            (nodes, sights) = self.sights(&outside);
+            (nodes, observations) = self.observations(&outside);
             // Two remaining observations agree too easily.
             min_observations = (settings.min_track_length as usize).max(3);
         }
@@ -175,12 +176,12 @@ impl<'a> Scene<'a> {
                 if !point.touched || point.track.is_empty() {
                     return None;
                 }
-                let (nodes, sights) = self.sights(&point.track);
+                let (nodes, observations) = self.observations(&point.track);
                 // An existing point needs fewer observations than a new one.
                 let min_observations =
                     if index < self.before.len() { 2 } else { settings.min_track_length as usize };
                 let found = refine_inliers(
-                    &sights,
+                    &observations,
                     point.position,
                     min_observations,
                     settings.min_triangulation_angle_deg,

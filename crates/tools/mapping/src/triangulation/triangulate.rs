@@ -11,13 +11,13 @@ use crate::triangulation::view::View;
 
 /// One keypoint that may observe the point.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Sight<'a> {
+pub(crate) struct ViewObservation<'a> {
     pub(crate) view: &'a View,
     /// The keypoint on the plane `z = 1`.
     pub(crate) plane: Vector2<f64>,
 }
 
-impl Sight<'_> {
+impl ViewObservation<'_> {
     /// Reprojection error, pixels; infinite behind the camera.
     pub(crate) fn error(&self, point: &Vector3<f64>) -> f64 {
         self.view.residual(&self.plane, point).map_or(f64::INFINITY, |r| r.norm())
@@ -38,67 +38,71 @@ pub(crate) struct Triangulated {
     pub(crate) agree: Vec<bool>,
 }
 
-/// Returns the point with the most inliers; `None` if there are fewer than `min_sights`, or only small angles.
+/// Returns the point with the most inliers; `None` if there are fewer than `min_observations`, or only small angles.
 pub(crate) fn triangulate(
-    sights: &[Sight<'_>],
-    min_sights: usize,
+    observations: &[ViewObservation<'_>],
+    min_observations: usize,
     min_angle_deg: f64,
 ) -> Option<Triangulated> {
     let min_cos = min_angle_deg.to_radians().cos();
     let mut best: Option<(f64, Vector3<f64>)> = None;
-    for (a, b) in pairs(sights.len()) {
-        let Some(point) = nearest_to_both_rays(&sights[a], &sights[b]) else { continue };
-        if cos_between(&sights[a], &sights[b], &point) > min_cos {
+    for (a, b) in pairs(observations.len()) {
+        let Some(point) = nearest_to_both_rays(&observations[a], &observations[b]) else { continue };
+        if cos_between(&observations[a], &observations[b], &point) > min_cos {
             continue;
         }
-        let score = score(sights, &point);
+        let score = score(observations, &point);
         if best.is_none_or(|(lowest, _)| score < lowest) {
             best = Some((score, point));
         }
     }
     let (_, start) = best?;
-    refine_inliers(sights, start, min_sights, min_angle_deg)
+    refine_inliers(observations, start, min_observations, min_angle_deg)
 }
 
 /// Refines a point and its inlier set until the set no longer changes, and checks the result.
 pub(crate) fn refine_inliers(
-    sights: &[Sight<'_>],
+    observations: &[ViewObservation<'_>],
     start: Vector3<f64>,
-    min_sights: usize,
+    min_observations: usize,
     min_angle_deg: f64,
 ) -> Option<Triangulated> {
     let mut position = start;
-    let mut agree: Vec<bool> = sights.iter().map(|s| s.agrees(&position)).collect();
+    let mut agree: Vec<bool> = observations.iter().map(|s| s.agrees(&position)).collect();
     for _ in 0..MAX_ROUNDS {
-        let seen: Vec<Sight<'_>> = sights.iter().zip(&agree).filter_map(|(s, a)| a.then_some(*s)).collect();
-        if seen.len() < min_sights.max(2) {
+        let seen: Vec<ViewObservation<'_>> =
+            observations.iter().zip(&agree).filter_map(|(s, a)| a.then_some(*s)).collect();
+        if seen.len() < min_observations.max(2) {
             return None;
         }
         position = refine(&seen, position);
-        let now: Vec<bool> = sights.iter().map(|s| s.agrees(&position)).collect();
+        let now: Vec<bool> = observations.iter().map(|s| s.agrees(&position)).collect();
         if now == agree {
             break;
         }
         agree = now;
     }
-    let seen: Vec<Sight<'_>> = sights.iter().zip(&agree).filter_map(|(s, a)| a.then_some(*s)).collect();
-    let enough = seen.len() >= min_sights.max(2) && widest_angle_deg(&seen, &position) >= min_angle_deg;
+    let seen: Vec<ViewObservation<'_>> =
+        observations.iter().zip(&agree).filter_map(|(s, a)| a.then_some(*s)).collect();
+    let enough = seen.len() >= min_observations.max(2) && widest_angle_deg(&seen, &position) >= min_angle_deg;
     enough.then_some(Triangulated { position, agree })
 }
 
 /// Minimizes the robust sum of squared reprojection errors, from a start in front of all cameras.
 ///
 /// Never returns a point worse than `start`, or one behind a camera.
-pub(crate) fn refine(sights: &[Sight<'_>], start: Vector3<f64>) -> Vector3<f64> {
-    let Some(mut cost) = robust_cost(sights, &start) else { return start };
+pub(crate) fn refine(observations: &[ViewObservation<'_>], start: Vector3<f64>) -> Vector3<f64> {
+    let Some(mut cost) = robust_cost(observations, &start) else { return start };
     let mut point = start;
     let mut damping = 1e-6;
     for _ in 0..MAX_STEPS {
         let mut normal = Matrix3::zeros();
         let mut gradient = Vector3::zeros();
-        for sight in sights {
-            let Some((r, rows)) = sight.view.residual_and_rows(&sight.plane, &point) else { return point };
-            let weight = cauchy_weight(r.norm_squared(), sight.view.max_error);
+        for observation in observations {
+            let Some((r, rows)) = observation.view.residual_and_rows(&observation.plane, &point) else {
+                return point;
+            };
+            let weight = cauchy_weight(r.norm_squared(), observation.view.max_error);
             for (value, row) in r.iter().zip(&rows) {
                 normal += row * row.transpose() * weight;
                 gradient += row * (value * weight);
@@ -111,7 +115,7 @@ pub(crate) fn refine(sights: &[Sight<'_>], start: Vector3<f64>) -> Vector3<f64> 
         }
         let Some(step) = damped.cholesky().map(|c| c.solve(&gradient)) else { return point };
         let next = point - step;
-        match robust_cost(sights, &next) {
+        match robust_cost(observations, &next) {
             Some(lower) if lower <= cost => {
                 let done = step.norm() <= 1e-10 * (1.0 + next.norm()) || cost - lower <= 1e-12 * cost;
                 (point, cost) = (next, lower);
@@ -132,8 +136,9 @@ pub(crate) fn refine(sights: &[Sight<'_>], start: Vector3<f64>) -> Vector3<f64> 
 }
 
 /// The largest angle between two of the rays to a point, degrees.
-pub(crate) fn widest_angle_deg(sights: &[Sight<'_>], point: &Vector3<f64>) -> f64 {
-    let toward: Vec<Vector3<f64>> = sights.iter().map(|s| (s.view.center - point).normalize()).collect();
+pub(crate) fn widest_angle_deg(observations: &[ViewObservation<'_>], point: &Vector3<f64>) -> f64 {
+    let toward: Vec<Vector3<f64>> =
+        observations.iter().map(|s| (s.view.center - point).normalize()).collect();
     let mut min_cos: f64 = 1.0;
     for (i, a) in toward.iter().enumerate() {
         for b in &toward[i + 1..] {
@@ -145,7 +150,7 @@ pub(crate) fn widest_angle_deg(sights: &[Sight<'_>], point: &Vector3<f64>) -> f6
 
 /// Returns the midpoint of the shortest segment between two rays; `None` if it is not in front of both cameras or the
 /// rays are parallel.
-pub(crate) fn nearest_to_both_rays(a: &Sight<'_>, b: &Sight<'_>) -> Option<Vector3<f64>> {
+pub(crate) fn nearest_to_both_rays(a: &ViewObservation<'_>, b: &ViewObservation<'_>) -> Option<Vector3<f64>> {
     let (d, e) = (a.view.ray(&a.plane), b.view.ray(&b.plane));
     let w = b.view.center - a.view.center;
     let (dd, ee, de) = (d.norm_squared(), e.norm_squared(), d.dot(&e));
@@ -163,20 +168,20 @@ pub(crate) fn nearest_to_both_rays(a: &Sight<'_>, b: &Sight<'_>) -> Option<Vecto
     (a.view.in_camera(&point).z > 0.0 && b.view.in_camera(&point).z > 0.0).then_some(point)
 }
 
-fn cos_between(a: &Sight<'_>, b: &Sight<'_>, point: &Vector3<f64>) -> f64 {
+fn cos_between(a: &ViewObservation<'_>, b: &ViewObservation<'_>, point: &Vector3<f64>) -> f64 {
     (a.view.center - point).normalize().dot(&(b.view.center - point).normalize())
 }
 
 /// Sum of squared errors in units of each image's threshold, each at most 1.
-fn score(sights: &[Sight<'_>], point: &Vector3<f64>) -> f64 {
-    sights.iter().map(|s| (s.error(point) / s.view.max_error).powi(2).min(1.0)).sum()
+fn score(observations: &[ViewObservation<'_>], point: &Vector3<f64>) -> f64 {
+    observations.iter().map(|s| (s.error(point) / s.view.max_error).powi(2).min(1.0)).sum()
 }
 
 /// Cauchy loss with half the inlier threshold as its scale; `None` when the point is not in front of all cameras.
-fn robust_cost(sights: &[Sight<'_>], point: &Vector3<f64>) -> Option<f64> {
-    sights.iter().try_fold(0.0, |sum, sight| {
-        let squared = sight.view.residual(&sight.plane, point)?.norm_squared();
-        let scale = (LOSS_SCALE * sight.view.max_error).powi(2);
+fn robust_cost(observations: &[ViewObservation<'_>], point: &Vector3<f64>) -> Option<f64> {
+    observations.iter().try_fold(0.0, |sum, observation| {
+        let squared = observation.view.residual(&observation.plane, point)?.norm_squared();
+        let scale = (LOSS_SCALE * observation.view.max_error).powi(2);
         Some(sum + scale * (squared / scale).ln_1p())
     })
 }
@@ -242,12 +247,12 @@ mod tests {
     }
 
     /// The keypoint of a point, shifted by some pixels.
-    fn sight<'a>(view: &'a View, point: &Vector3<f64>, shift: [f64; 2]) -> Sight<'a> {
+    fn observation<'a>(view: &'a View, point: &Vector3<f64>, shift: [f64; 2]) -> ViewObservation<'a> {
         let x = view.in_camera(point);
         let pinhole = view.camera.pinhole();
         let pixel = pinhole.project(veiloc_geometry::PlanePoint::new(x.x / x.z, x.y / x.z));
         let plane = pinhole.unproject(Pixel::new(pixel.u + shift[0], pixel.v + shift[1]));
-        Sight { view, plane: Vector2::new(plane.x, plane.y) }
+        ViewObservation { view, plane: Vector2::new(plane.x, plane.y) }
     }
 
     fn noise(i: usize, size: f64) -> [f64; 2] {
@@ -260,8 +265,9 @@ mod tests {
     fn exact_rays_triangulate_exactly() {
         for count in [2, 3, 10, 40] {
             let views = arc(count, 30.0);
-            let sights: Vec<Sight<'_>> = views.iter().map(|v| sight(v, &POINT, [0.0; 2])).collect();
-            let found = triangulate(&sights, 2, 1.5).unwrap();
+            let observations: Vec<ViewObservation<'_>> =
+                views.iter().map(|v| observation(v, &POINT, [0.0; 2])).collect();
+            let found = triangulate(&observations, 2, 1.5).unwrap();
             assert!((found.position - POINT).norm() < 1e-9);
             assert!(found.agree.iter().all(|a| *a));
         }
@@ -270,9 +276,9 @@ mod tests {
     #[test]
     fn noise_error_matches_covariance() {
         let views = arc(12, 40.0);
-        let sights: Vec<Sight<'_>> =
-            views.iter().enumerate().map(|(i, v)| sight(v, &POINT, noise(i, 0.5))).collect();
-        let found = triangulate(&sights, 2, 1.5).unwrap();
+        let observations: Vec<ViewObservation<'_>> =
+            views.iter().enumerate().map(|(i, v)| observation(v, &POINT, noise(i, 0.5))).collect();
+        let found = triangulate(&observations, 2, 1.5).unwrap();
         // Half a pixel at f = 500 and 5 units is 5 mm; with a 40 degree arc the depth is hardly worse.
         assert!((found.position - POINT).norm() < 0.01, "{}", (found.position - POINT).norm());
     }
@@ -281,12 +287,12 @@ mod tests {
     fn half_of_the_keypoints_may_be_outliers() {
         let views = arc(12, 40.0);
         let wrong = |i: usize| i % 2 == 1;
-        let sights: Vec<Sight<'_>> = views
+        let observations: Vec<ViewObservation<'_>> = views
             .iter()
             .enumerate()
-            .map(|(i, v)| sight(v, &POINT, if wrong(i) { noise(3 * i, 60.0) } else { noise(i, 0.3) }))
+            .map(|(i, v)| observation(v, &POINT, if wrong(i) { noise(3 * i, 60.0) } else { noise(i, 0.3) }))
             .collect();
-        let found = triangulate(&sights, 2, 1.5).unwrap();
+        let found = triangulate(&observations, 2, 1.5).unwrap();
         assert!((found.position - POINT).norm() < 0.01);
         assert!(found.agree.iter().enumerate().all(|(i, a)| *a != wrong(i)));
     }
@@ -294,27 +300,30 @@ mod tests {
     #[test]
     fn points_behind_cameras_or_at_small_angles_are_rejected() {
         let two = [-0.04, 0.04].map(|x| view(Vector3::new(x, 0.0, -5.0), 0.0));
-        let sights: Vec<Sight<'_>> = two.iter().map(|v| sight(v, &POINT, [0.0; 2])).collect();
-        assert!(triangulate(&sights, 2, 1.5).is_none(), "0.08 units at 5.5 are 0.83 degrees");
-        assert!(triangulate(&sights, 2, 0.5).is_some());
+        let observations: Vec<ViewObservation<'_>> =
+            two.iter().map(|v| observation(v, &POINT, [0.0; 2])).collect();
+        assert!(triangulate(&observations, 2, 1.5).is_none(), "0.08 units at 5.5 are 0.83 degrees");
+        assert!(triangulate(&observations, 2, 0.5).is_some());
         // Rays that intersect behind the cameras.
         let views = arc(2, 30.0);
         let behind = Vector3::new(0.0, 0.0, -20.0);
-        let sights: Vec<Sight<'_>> = views.iter().map(|v| sight(v, &behind, [0.0; 2])).collect();
-        assert!(triangulate(&sights, 2, 1.5).is_none());
-        assert!(triangulate(&sights[..1], 1, 1.5).is_none());
+        let observations: Vec<ViewObservation<'_>> =
+            views.iter().map(|v| observation(v, &behind, [0.0; 2])).collect();
+        assert!(triangulate(&observations, 2, 1.5).is_none());
+        assert!(triangulate(&observations[..1], 1, 1.5).is_none());
         assert!(triangulate(&[], 0, 0.0).is_none());
         // Two views at the same position.
         let same = [views[0].clone(), views[0].clone()];
-        let sights: Vec<Sight<'_>> = same.iter().map(|v| sight(v, &POINT, [0.0; 2])).collect();
-        assert!(triangulate(&sights, 2, 0.0).is_none());
+        let observations: Vec<ViewObservation<'_>> =
+            same.iter().map(|v| observation(v, &POINT, [0.0; 2])).collect();
+        assert!(triangulate(&observations, 2, 0.0).is_none());
     }
 
     #[test]
     fn jacobian_matches_finite_differences() {
         let h = 1e-6;
         for v in arc(5, 60.0) {
-            let s = sight(&v, &POINT, [3.0, -2.0]);
+            let s = observation(&v, &POINT, [3.0, -2.0]);
             let (r, rows) = v.residual_and_rows(&s.plane, &POINT).unwrap();
             assert!((r - v.residual(&s.plane, &POINT).unwrap()).norm() < 1e-12);
             for axis in 0..3 {
@@ -331,15 +340,15 @@ mod tests {
     #[test]
     fn refinement_reaches_a_local_minimum() {
         let views = arc(7, 25.0);
-        let sights: Vec<Sight<'_>> =
-            views.iter().enumerate().map(|(i, v)| sight(v, &POINT, noise(i, 2.0))).collect();
-        let end = refine(&sights, POINT + Vector3::new(0.05, -0.03, 0.1));
-        let cost = robust_cost(&sights, &end).unwrap();
+        let observations: Vec<ViewObservation<'_>> =
+            views.iter().enumerate().map(|(i, v)| observation(v, &POINT, noise(i, 2.0))).collect();
+        let end = refine(&observations, POINT + Vector3::new(0.05, -0.03, 0.1));
+        let cost = robust_cost(&observations, &end).unwrap();
         for axis in 0..3 {
             for h in [-1e-4, 1e-4] {
                 let mut step = Vector3::zeros();
                 step[axis] = h;
-                assert!(robust_cost(&sights, &(end + step)).unwrap() >= cost);
+                assert!(robust_cost(&observations, &(end + step)).unwrap() >= cost);
             }
         }
     }
@@ -363,11 +372,11 @@ mod tests {
         let [returned, none] = [const { Cell::new(0) }; 2];
         let holds = |shifts: Vec<(f64, f64)>| {
             let views = arc(shifts.len(), 35.0);
-            let sights: Vec<Sight<'_>> =
-                views.iter().zip(&shifts).map(|(v, (u, w))| sight(v, &POINT, [*u, *w])).collect();
-            if let Some(found) = triangulate(&sights, 2, 1.5) {
-                let seen: Vec<Sight<'_>> =
-                    sights.iter().zip(&found.agree).filter_map(|(s, a)| a.then_some(*s)).collect();
+            let observations: Vec<ViewObservation<'_>> =
+                views.iter().zip(&shifts).map(|(v, (u, w))| observation(v, &POINT, [*u, *w])).collect();
+            if let Some(found) = triangulate(&observations, 2, 1.5) {
+                let seen: Vec<ViewObservation<'_>> =
+                    observations.iter().zip(&found.agree).filter_map(|(s, a)| a.then_some(*s)).collect();
                 prop_assert!(seen.len() >= 2);
                 prop_assert!(found.position.iter().all(|c| c.is_finite()));
                 prop_assert!(widest_angle_deg(&seen, &found.position) >= 1.5);

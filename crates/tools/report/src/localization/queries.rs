@@ -5,7 +5,7 @@ use veiloc_pose::State;
 
 use super::data::{LocalizationReport, QueryDrawing, method_name};
 use super::worst::worst_first;
-use crate::drawing::{self, Rim};
+use crate::drawing::{self, Margin};
 use crate::images::data_address;
 use crate::numbers::{LengthUnit, degrees, kilobytes, milliseconds, percent, scheme_name};
 use crate::page::{self, legend};
@@ -78,7 +78,7 @@ fn image(drawing: &QueryDrawing, id: &str, size: (u32, u32)) -> Markup {
         b { "The image" } @if drawing.is_undistorted { ", without the distortion of its lens" } ". It was never sent."
     };
     page::figure(
-        &drawing::picture(&format!("The image of {}", drawing.name), size, Rim::Narrow, &layers),
+        &drawing::picture(&format!("The image of {}", drawing.name), size, Margin::Narrow, &layers),
         &caption,
     )
 }
@@ -93,7 +93,7 @@ pub fn figure(drawing: &SentDrawing, backdrop: &Markup) -> Markup {
     let caption = html! {
         b { (name) "." } " " (drawing.sent.len()) " rows: " (inliers) " with an inlier, " (outliers) " matched without one."
     };
-    page::figure(&drawing::picture(&label, drawing.size, Rim::Narrow, &layers), &caption)
+    page::figure(&drawing::picture(&label, drawing.size, Margin::Narrow, &layers), &caption)
 }
 
 fn name_of(report: &LocalizationReport, scene: usize, name: &str) -> String {

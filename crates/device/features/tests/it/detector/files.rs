@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use veiloc_features::ColourImage;
 use veiloc_features::FeatureError;
-use veiloc_features::detector::{Detector, HideOptions, Hider};
+use veiloc_features::detector::{Detector, HideOptions, ObjectMasker};
 
 fn file(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/detector").join(name)
@@ -67,7 +67,7 @@ fn invalid_detector_files_are_rejected() {
 fn class_names_come_from_the_file() {
     let open = |classes: &[&str]| {
         let classes: Vec<String> = classes.iter().map(|c| (*c).to_owned()).collect();
-        Hider::open(&file("two-boxes.onnx"), &classes, HideOptions::default())
+        ObjectMasker::open(&file("two-boxes.onnx"), &classes, HideOptions::default())
     };
     let refused = open(&["person", "dog"]).expect_err("unknown");
     assert_eq!(refused.to_string(), "the detector has no class dog; its classes: person, car");

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use serde_json::Value;
-use veiloc_features::detector::{Detection, Detector, HideOptions, Hider};
+use veiloc_features::detector::{Detection, Detector, HideOptions, ObjectMasker};
 use veiloc_features::load_colour;
 use veiloc_testdata::real_data_test;
 
@@ -60,8 +60,9 @@ fn boxes_agree_with_onnx_runtime(data: &Path) {
 #[real_data_test]
 fn people_of_a_photograph_are_hidden(data: &Path) {
     let weights = data.join("../weights/yolo/yolo11n_int8.onnx");
-    let hider = Hider::open(&weights, &["person".to_owned()], HideOptions::default()).expect("a detector");
-    let hidden = hider.hide(&data.join("photos/24.jpg")).expect("it runs");
+    let masker =
+        ObjectMasker::open(&weights, &["person".to_owned()], HideOptions::default()).expect("a detector");
+    let hidden = masker.hide(&data.join("photos/24.jpg")).expect("it runs");
     let [(name, count)] = &hidden.found[..] else { panic!("{:?}", hidden.found) };
     let mask = hidden.mask.expect("there are people");
     assert!(name == "person" && *count >= 1, "{count}");

@@ -58,7 +58,7 @@ fn invalid_description_is_rejected_with_its_fault() {
         ("radius = 2", "radius = 1000", "radius"),
         ("threshold = 0.05", "threshold = nan", "threshold"),
         ("form = \"cells\"", "form = \"map\"", "stride"),
-        ("sight = 32", "sight = -1", "sight"),
+        ("receptive_field = 32", "receptive_field = -1", "receptive_field"),
         ("files = [", "files = [\"../other.onnx\", ", "without folders"),
         ("[descriptors]\nlayer = 0", "[descriptors]", "layer"),
         ("[scores]", "[score]", "score"),

@@ -180,11 +180,11 @@ fn mask_hides_pixels(learned: &Arc<Learned>) {
     let bytes = |image: Image| {
         let extracted = sealer.extract(image, camera()).expect("extracted");
         let features = extracted.features();
-        let sight = learned.receptive_field() as f32;
+        let receptive_field = learned.receptive_field() as f32;
         for keypoint in &features.keypoints {
             let (u, v) = (keypoint.pixel.u as f32, keypoint.pixel.v as f32);
             let (du, dv) = ((120.0 - u).max(u - 200.0).max(0.0), (60.0 - v).max(v - 150.0).max(0.0));
-            assert!(mask_is_not_applied(&mask, features) || du.hypot(dv) >= sight * keypoint.scale);
+            assert!(mask_is_not_applied(&mask, features) || du.hypot(dv) >= receptive_field * keypoint.scale);
         }
         sealer.seal(extracted, &mut rng()).expect("sealed").encode()
     };

@@ -11,7 +11,7 @@ use veiloc_obfuscation::Sealer;
 use super::{Args, Held, Sealed, seal_one};
 use crate::args::camera::{CameraSource, warn_of_turned};
 use crate::commands::image_list::images_of_list;
-use crate::commands::mask_args::{HiddenPart, HiddenPartDetector};
+use crate::commands::mask_args::{MaskedRegion, MaskedRegionDetector};
 use crate::output::exit::{Failure, Outcome};
 use crate::output::files;
 use crate::output::items::{self, BatchSummary, InputError, Item};
@@ -92,7 +92,7 @@ struct SealJob {
 pub(super) fn run(
     args: &Args,
     sealer: &Sealer,
-    hiding: &HiddenPartDetector,
+    hiding: &MaskedRegionDetector,
     mut session: Option<&mut SessionFile>,
     ui: &Ui,
 ) -> Outcome {
@@ -171,12 +171,12 @@ fn write_query(out: &Path, sealed: &Sealed, ui: &Ui) -> Result<(), Failure> {
 fn document_of(
     file: String,
     out: &Path,
-    sealed: Result<(Sealed, HiddenPart), InputError>,
+    sealed: Result<(Sealed, MaskedRegion), InputError>,
     of_image: Option<&String>,
 ) -> ImageDocument {
     let (status, sealed, hidden, error) = match sealed {
         Ok((sealed, hidden)) => (SealStatus::Sealed, Some(sealed), hidden, None),
-        Err(fault) => (SealStatus::Failed, None, HiddenPart::default(), Some(fault)),
+        Err(fault) => (SealStatus::Failed, None, MaskedRegion::default(), Some(fault)),
     };
     ImageDocument {
         file,

@@ -78,8 +78,8 @@ pub(crate) fn synthetic_compact() -> Learned {
     }
     std::fs::write(folder.path().join("signs.bin"), [weights, offsets].concat()).expect("written");
     let projection =
-        "sight = 32\n[projection]\nfile = \"signs.bin\"\nnumbers = 48\nshift = 16\nlength = 275\n";
-    let changes = [("\"made-up\"", "\"made-up-compact\""), ("sight = 32", projection)];
+        "receptive_field = 32\n[projection]\nfile = \"signs.bin\"\nnumbers = 48\nshift = 16\nlength = 275\n";
+    let changes = [("\"made-up\"", "\"made-up-compact\""), ("receptive_field = 32", projection)];
     synthetic_alike_in(&folder.path().join("own.toml"), &changes)
 }
 

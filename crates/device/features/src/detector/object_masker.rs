@@ -26,7 +26,7 @@ impl Default for HideOptions {
 
 /// A detector with the classes to hide.
 #[derive(Debug)]
-pub struct Hider {
+pub struct ObjectMasker {
     detector: Detector,
     /// `[classes]`: whether each is hidden.
     hides: Vec<bool>,
@@ -42,7 +42,7 @@ pub struct Hidden {
     pub mask: Option<Mask>,
 }
 
-impl Hider {
+impl ObjectMasker {
     /// Opens a detector file, with the names of the classes to hide.
     ///
     /// # Errors
