@@ -1,7 +1,7 @@
 //! A damaged settings file is either refused, or read and printed consistently.
 #![allow(missing_docs, unreachable_pub, dead_code, reason = "shared with fuzz/")]
 
-#[path = "../../../../../fuzz/src/damage.rs"]
+#[path = "../../../../fuzz/src/damage.rs"]
 mod damage;
 
 use std::path::Path;

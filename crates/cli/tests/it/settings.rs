@@ -15,7 +15,7 @@ fn values(printed: &str) -> Vec<&str> {
 #[test]
 fn example_file_round_trips() {
     let folder = folder();
-    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../deploy/veiloc.example.toml");
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/veiloc.example.toml");
     folder.write("veiloc.toml", std::fs::read(example).expect("the example"));
     let printed = folder.run("serve --config veiloc.toml --print-config").succeeded();
     for line in [

@@ -23,7 +23,7 @@ pub struct Field {
 
 /// The page.
 pub fn page() -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../docs/reference/json.md");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference/json.md");
     fs::read_to_string(path).expect("docs/reference/json.md")
 }
 

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 #[expect(clippy::print_stderr, reason = "a command line program")]
 fn main() -> ExitCode {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../docs/reference/json.md");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/reference/json.md");
     let is_check = std::env::args().nth(1).as_deref() == Some("--check");
     let result = veiloc_cli::json_reference().and_then(|page| match is_check {
         true if std::fs::read_to_string(&path).is_ok_and(|text| text == page) => Ok(()),

@@ -2,7 +2,7 @@
 #![cfg(unix)]
 
 use super::common;
-#[path = "../../../../server/service/tests/it/common/http.rs"]
+#[path = "../../../server/service/tests/it/common/http.rs"]
 mod http;
 
 use std::fs;
