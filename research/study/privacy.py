@@ -27,7 +27,7 @@ SLOW = {"map-server": 6, "true-neighbours": 2}
 FRAMES = [2, 3, 5, 8]
 # Frame of the anchors, orientation error, motions.
 SESSIONS = [
-    ("image", 0, "turning,walking,resting"), ("world", 0, "turning,walking,resting,visiting"), ("world", 0.1, "turning,walking"),
+    ("image", 0, "turning,walking,static"), ("world", 0, "turning,walking,static,visiting"), ("world", 0.1, "turning,walking"),
     ("world", 0.5, "turning"), ("gravity", 0, "turning,walking,visiting"),
 ]  # fmt: skip
 # Name, error of each orientation, drift.
@@ -36,9 +36,9 @@ ORIENTATIONS = [
     ("drift of 0.2° a frame", 0, 0.2),
 ]  # fmt: skip
 KNOWLEDGE = {
-    "outsider-statistic": ("outsider", "a statistic of descriptors of 400 out-of-map images"),
-    "outsider-neighbours": ("outsider", "a network of neighbours, trained on {} out-of-map images"),
-    "outsider-network": ("outsider", "a network from rows to positions, trained on {} out-of-map images"),
+    "query-only-statistic": ("query only", "a statistic of descriptors of 400 out-of-map images"),
+    "query-only-neighbours": ("query only", "a network of neighbours, trained on {} out-of-map images"),
+    "query-only-network": ("query only", "a network from rows to positions, trained on {} out-of-map images"),
     "map-server": ("operator or anyone", "images from nearby viewpoints"),
     "pose-server": ("server", "the pose; on keypoints without a map point"),
     "pose-server-images": ("server", "the pose and its map images; the same keypoints"),
@@ -46,7 +46,7 @@ KNOWLEDGE = {
     "several-seals": ("anyone", "eight seals of one image"),
     "true-neighbours": ("oracle", "the true neighbours of every keypoint"),
 }  # fmt: skip
-OUTSIDERS = ["outsider-statistic", "outsider-neighbours", "outsider-network"]
+QUERY_ONLY = ["query-only-statistic", "query-only-neighbours", "query-only-network"]
 GPU = "networks that a GPU trains"
 NETWORKS = {"networks": ("networks", "folder of trained networks")}
 
@@ -64,8 +64,8 @@ def adversaries(run, data: list, names: list[str], *options, networks=None) -> d
     """Rows by adversary and scheme, in the order of the names."""
     files = sorted(Path(networks).resolve().glob("*.toml")) if networks else []
     models = {
-        "outsider-neighbours": ["--model", *(file for file in files if file.stem == "neighbours")],
-        "outsider-network": ["--positions", *(file for file in files if file.stem in SCHEMES)],
+        "query-only-neighbours": ["--model", *(file for file in files if file.stem == "neighbours")],
+        "query-only-network": ["--positions", *(file for file in files if file.stem in SCHEMES)],
     }  # fmt: skip
     rows = {}
     groups = [(ATTACKED, ["--quick"], [name for name in names if name not in SLOW])]
@@ -126,9 +126,9 @@ def schemes(run):
 
 @command("privacy/out-of-map.csv", needs=GPU, **NETWORKS)
 def out_of_map(run):
-    """Outsiders on the last twelve of the training photos, by the SHA-256 of their names."""
+    """Query-only adversaries on the last twelve of the training photos, by the SHA-256 of their names."""
     table = run.table("privacy/out-of-map.csv", "adversary", "scheme", *ATTACK)
-    found = adversaries(run, ["--keypoints", photos(run, "last")], [*OUTSIDERS, "several-seals"], networks=run.networks)
+    found = adversaries(run, ["--keypoints", photos(run, "last")], [*QUERY_ONLY, "several-seals"], networks=run.networks)
     for key, row in found.items():
         table.add([*key, *attack_cells(row)])
 
@@ -137,7 +137,7 @@ def out_of_map(run):
 def masks(run):
     """RedKitchen with and without masks of people."""
     words = {
-        "outsider-statistic": "outsider, statistic", "map-server": "images from nearby", "pose-server": "a server that has the pose",
+        "query-only-statistic": "query only, statistic", "map-server": "images from nearby", "pose-server": "a server that has the pose",
         "pose-server-images": "the same with the map's images", "several-frames": "eight frames",
         "several-seals": "eight seals",
     }  # fmt: skip
@@ -172,7 +172,7 @@ IN_SESSION = {"attacked": (5, "attacked images in a session")}
 @command("privacy/sessions.csv", **IN_SESSION)
 def sessions(run):
     """Several images of a place, by motion of the camera and frame of the anchors."""
-    rows = eval_sessions(run, FRAMES, "--anchors", "image,world,gravity", "--gyro-deg", 0, "--motion", "turning,walking,resting,visiting")
+    rows = eval_sessions(run, FRAMES, "--anchors", "image,world,gravity", "--gyro-deg", 0, "--motion", "turning,walking,static,visiting")
     rows += eval_sessions(run, FRAMES, "--anchors", "world", "--gyro-deg", "0.1,0.5", "--motion", "turning,walking")
     table = run.table("privacy/sessions.csv", "anchors fixed in", "orientation error (°)", "motion",
                       *(f"{target}, {n} images (bits)" for target in ("private", "matched") for n in FRAMES))  # fmt: skip
@@ -223,9 +223,9 @@ def seals(run):
     """Several seals of one image, and several images of a camera at rest, from the keypoints of `problems`."""
     found = []
     for noise in (0, 0.4):
-        rows = attacks(run, keypoints_of(run, "RedKitchen"), "--schemes", "dcl", "--attacks", "resting-camera", "--frames",
-                       "2,8,32", "--limit", 6, "--resting-noise", noise)  # fmt: skip
-        found.append({row["frames"]: row for row in rows if row["attack"] == "resting-camera"})
+        rows = attacks(run, keypoints_of(run, "RedKitchen"), "--schemes", "dcl", "--attacks", "static-camera", "--frames",
+                       "2,8,32", "--limit", 6, "--static-noise", noise)  # fmt: skip
+        found.append({row["frames"]: row for row in rows if row["attack"] == "static-camera"})
     table = run.table("privacy/seals.csv", "seals or images", "seals of one image: median (px)", "seals: < 10 px (%)", "seals: bits",
                       "new images: median (px)", "new images: < 10 px (%)", "new images: bits")  # fmt: skip
     cells = lambda row: [f"{row['median_px']:.1f}", f"{100 * row['under_10px']:.1f}", f"{row['bits_over_prior']:.2f}"]

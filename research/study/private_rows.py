@@ -22,12 +22,12 @@ from study.places import LAYOUTS
 
 Image = Package("PIL.Image")
 PAGE = "privacy"
-ATTACKS = "hole,server-side-points,iterative"
+ATTACKS = "occlusion,server-side-points,iterative"
 SHARE = "10"
-# Keypoints that are sent, and the percentage of the image in turned regions.
+# Keypoints that are sent, and the percentage of the image in rotated regions.
 DEFENCES = {
     "none": (2048, 0), "512 keypoints": (512, 0), "256 keypoints": (256, 0),
-    "turned regions, 20 %": (2048, 20), "turned regions, 30 %": (2048, 30), "turned regions, 50 %": (2048, 50),
+    "rotated regions, 20 %": (2048, 20), "rotated regions, 30 %": (2048, 30), "rotated regions, 50 %": (2048, 50),
 }  # fmt: skip
 UPRIGHT, HALF_HEIGHTS, CELLS = 2.5, (0.12, 0.36), (64, 48)
 
@@ -124,12 +124,12 @@ class Place:
         return shown
 
     def attack(self, schemes, keypoints=2048, turned=0, attacks=ATTACKS, private=("--private", SHARE)):
-        """Rows of `veiloc attack` by scheme and attack, with `hiding_auc` at the hole, and the summaries of the server."""
+        """Rows of `veiloc attack` by scheme and attack, with `hiding_auc` at the occlusion, and the summaries of the server."""
         attacked = self.work / "attacked.jsonl.gz"
         write_lines(attacked, self.chosen(keypoints))
-        # The hole needs no neighbours.
-        neighbours = [] if attacks == "hole" else ["--neighbours", "predicted", "--train", self.map_keypoints]
-        document = self.run.json("attack", attacked, "--server-matches", self.sent_problems(keypoints), *private, "--turned-regions", turned,
+        # The occlusion needs no neighbours.
+        neighbours = [] if attacks == "occlusion" else ["--neighbours", "predicted", "--train", self.map_keypoints]
+        document = self.run.json("attack", attacked, "--server-matches", self.sent_problems(keypoints), *private, "--rotated-regions", turned,
                                  *neighbours, "--attacks", attacks, "--schemes", ",".join(schemes))  # fmt: skip
         rows = by_attack(document)
         for server in document["server"]:
@@ -228,15 +228,15 @@ FEW = QUERIES | {"queries": (6, QUERIES["queries"][1])}
 PEOPLE = {"people": ("people", "folder of people, as `study privacy people` makes")}
 
 
-@command("privacy/hole.csv", **QUERIES)
-def hole(run):
-    """Each scheme, on every place: what the hole in the matches tells."""
-    table = run.table("privacy/hole.csv", "place", "scheme", "queries", "prior (px)", "hole (px)", "< 30 px, prior (%)",
-                      "< 30 px, hole (%)", "bits, hole", "bits, best other attack", "AUC of private rows among unexplained ones")  # fmt: skip
+@command("privacy/occlusion.csv", **QUERIES)
+def occlusion(run):
+    """Each scheme, on every place: what the occlusion in the matches tells."""
+    table = run.table("privacy/occlusion.csv", "place", "scheme", "queries", "prior (px)", "occlusion (px)", "< 30 px, prior (%)",
+                      "< 30 px, occlusion (%)", "bits, occlusion", "bits, best other attack", "AUC of private rows among unexplained ones")  # fmt: skip
     for place in places_of(run):
         for scheme, of_scheme in place.attack(["random-lines", "dcl"]).items():
-            prior, found = of_scheme["prior"], of_scheme["hole"]
-            other = max(row["bits_over_prior"] for name, row in of_scheme.items() if name not in ("prior", "hole", "server"))
+            prior, found = of_scheme["prior"], of_scheme["occlusion"]
+            other = max(row["bits_over_prior"] for name, row in of_scheme.items() if name not in ("prior", "occlusion", "server"))
             table.add([
                 place.name, scheme, found["images"], f"{prior['median_px']:.0f}", f"{found['median_px']:.0f}",
                 f"{100 * prior['under_30px']:.0f}", f"{100 * found['under_30px']:.0f}",
@@ -244,22 +244,22 @@ def hole(run):
             ])  # fmt: skip
 
 
-@command("privacy/hole-defences.csv", **FEW)
-def hole_defences(run):
-    """dcl, averaged over places: what a device can do about the hole, and what that costs in poses."""
-    table = run.table("privacy/hole-defences.csv", "defence", "bits, mean of places", "bits, range", "AUC, mean of places",
+@command("privacy/occlusion-defences.csv", **FEW)
+def occlusion_defences(run):
+    """dcl, averaged over places: what a device can do about the occlusion, and what that costs in poses."""
+    table = run.table("privacy/occlusion-defences.csv", "defence", "bits, mean of places", "bits, range", "AUC, mean of places",
                       "recall lost at 5 cm and 5° (points)", "recall lost at 25 cm and 2° (points)", "worst place (points)",
                       "median error over none")  # fmt: skip
     places, base, layout = places_of(run), {}, "dcl:paper"
     for name, (keypoints, turned) in DEFENCES.items():
         found = []
         for place in places:
-            row = place.attack([layout], keypoints, turned, "hole")
-            of_hole = next(iter(row.values()))["hole"]
+            row = place.attack([layout], keypoints, turned, "occlusion")
+            of_occlusion = next(iter(row.values()))["occlusion"]
             pose, median = place.poses(layout, keypoints, turned)
             before, best = base.setdefault(place.name, (pose, median))
             lost = [100 * (before["recall"][t] - pose["recall"][t]) for t in ("0.05/5", "0.25/2")]
-            found.append((of_hole["bits_over_prior"], of_hole["hiding_auc"], *lost, median / best))
+            found.append((of_occlusion["bits_over_prior"], of_occlusion["hiding_auc"], *lost, median / best))
         bits, auc, near, far, ratio = zip(*found)
         table.add([
             name, f"{statistics.mean(bits):.2f}", f"{min(bits):.2f} to {max(bits):.2f}", f"{statistics.mean(auc):.2f}",
@@ -273,9 +273,9 @@ REGIONS = ["ellipses", "silhouettes", "people", "people, pasted"]
 
 @command("privacy/persons.csv", needs="a segmentation network", **QUERIES, **PEOPLE)
 def persons(run):
-    """The hole with regions of the size of people: ellipses, silhouettes, masks of real people, and real people pasted into the images,
+    """The occlusion with regions of the size of people: ellipses, silhouettes, masks of real people, and real people pasted into the images,
     whose own keypoints are attacked then. With --out, rows of places that are not measured are kept, and the means are of all."""
-    columns = ["place", "regions", "scheme", "queries", "private rows (%)", "prior (px)", "hole (px)", "bits, hole",
+    columns = ["place", "regions", "scheme", "queries", "private rows (%)", "prior (px)", "occlusion (px)", "bits, occlusion",
                "AUC of private rows among unexplained ones"]  # fmt: skip
     path, rows = run.out and run.out / "privacy/persons.csv", []
     if path and path.exists():
@@ -284,11 +284,11 @@ def persons(run):
         for kind in REGIONS:
             shown, private = place.region(kind)
             for scheme, found in shown.attack(["random-lines", "dcl"], private=private).items():
-                prior, of_hole = found["prior"], found["hole"]
+                prior, of_occlusion = found["prior"], found["occlusion"]
                 rows.append([
-                    place.name, kind, scheme, of_hole["images"], f"{100 * found['server']['measured']:.1f}",
-                    f"{prior['median_px']:.0f}", f"{of_hole['median_px']:.0f}", f"{of_hole['bits_over_prior']:.2f}",
-                    f"{of_hole['hiding_auc']:.2f}",
+                    place.name, kind, scheme, of_occlusion["images"], f"{100 * found['server']['measured']:.1f}",
+                    f"{prior['median_px']:.0f}", f"{of_occlusion['median_px']:.0f}", f"{of_occlusion['bits_over_prior']:.2f}",
+                    f"{of_occlusion['hiding_auc']:.2f}",
                 ])  # fmt: skip
                 print(*rows[-1], sep="  ", flush=True)
     table = run.table("privacy/persons.csv", *columns)
@@ -302,19 +302,19 @@ def persons(run):
 @command("privacy/person-defences.csv", needs="a segmentation network", **PEOPLE,
          **FEW | {"places": ["llff-room", "fountain", "entry", "herzjesu"]})  # fmt: skip
 def person_defences(run):
-    """dcl, the defences on regions of the size of people; what they cost is in the table of hole-defences."""
+    """dcl, the defences on regions of the size of people; what they cost is in the table of occlusion-defences."""
     table = run.table("privacy/person-defences.csv", "regions", "defence", "bits, mean of places", "bits, range", "AUC, mean of places")
     places = places_of(run)
     for kind in REGIONS:
         shown = [place.region(kind) for place in places]
         for name, (keypoints, turned) in DEFENCES.items():
-            found = [next(iter(view.attack(["dcl:paper"], keypoints, turned, "hole", private).values()))["hole"] for view, private in shown]
+            found = [next(iter(view.attack(["dcl:paper"], keypoints, turned, "occlusion", private).values()))["occlusion"] for view, private in shown]
             bits, auc = zip(*((row["bits_over_prior"], row["hiding_auc"]) for row in found))
             table.add([kind, name, f"{statistics.mean(bits):.2f}", f"{min(bits):.2f} to {max(bits):.2f}", f"{statistics.mean(auc):.2f}"])
 
 
 # Adversaries that layouts are compared under.
-LAYOUT_ADVERSARIES = ["upright hole", "wide hole", "pose, iterative", "eight seals", "nearby images", "statistic", "sessions"]
+LAYOUT_ADVERSARIES = ["upright occlusion", "wide occlusion", "pose, iterative", "eight seals", "nearby images", "statistic", "sessions"]
 # Private regions: at least two an image, and this number a place.
 LEAST_SEEDS, REGIONS_OF_PLACE = 2, 16
 # A layout is admitted when no adversary has less than this share of its error under the paper's, or more of the rows under 30 px.
@@ -378,10 +378,10 @@ def layout_attacks(place, compared):
     problems = place.sent_problems(2048)
     given = ["--server-matches", problems, "--private", SHARE, "--neighbours", "predicted", "--train", place.map_keypoints]
     seeds = range(1, 1 + max(LEAST_SEEDS, math.ceil(REGIONS_OF_PLACE / len(chosen))))
-    private = [run(queries, schemes, *given, "--attacks", "hole,server-side-points,iterative", "--seed", str(seed)) for seed in seeds]
+    private = [run(queries, schemes, *given, "--attacks", "occlusion,server-side-points,iterative", "--seed", str(seed)) for seed in seeds]
     pick = lambda trial, *attacks: {scheme: {name: row for name, row in rows.items() if name in ("prior", *attacks)}
                                     for scheme, rows in trial.items()}  # fmt: skip
-    yield "upright hole", [pick(trial, "hole") for trial in private]
+    yield "upright occlusion", [pick(trial, "occlusion") for trial in private]
     yield "pose, iterative", [pick(trial, "server-side-points", "iterative") for trial in private]
     # Images, problems and layouts a quarter turn to the left: upright regions of the program are wide ones then.
     known, size = place.work / "turned-problems.jsonl", chosen[0]
@@ -389,10 +389,10 @@ def layout_attacks(place, compared):
     with problems.open() as lines, known.open("w") as out:
         out.writelines(json.dumps(turned_problem(json.loads(line))) + "\n" for line in lines)
     of_turned = {turned_layout(scheme, size["width"], size["height"]): scheme for scheme in schemes}
-    trials = [run(turned, list(of_turned), "--server-matches", known, "--private", SHARE, "--attacks", "hole", "--seed", str(seed))
+    trials = [run(turned, list(of_turned), "--server-matches", known, "--private", SHARE, "--attacks", "occlusion", "--seed", str(seed))
               for seed in seeds]  # fmt: skip
-    yield "wide hole", [{of_turned[scheme]: rows for scheme, rows in trial.items()} for trial in trials]
-    yield "eight seals", [run(queries, schemes, "--attacks", "resting-camera", "--frames", "8")]
+    yield "wide occlusion", [{of_turned[scheme]: rows for scheme, rows in trial.items()} for trial in trials]
+    yield "eight seals", [run(queries, schemes, "--attacks", "static-camera", "--frames", "8")]
     yield "nearby images", [run(with_map, schemes, "--limit", count, "--attacks", "transfer")]
     if place.run.photos:
         yield "statistic", [run(queries, schemes, "--neighbours", "predicted", "--train", place.run.photos, "--attacks",
@@ -469,7 +469,7 @@ ADVERSARIES = {
     "images from nearby viewpoints": ("transfer", "transferred", False, True),
     "the pose; on keypoints without a map point": ("server-side-points,iterative", "map", True, False),
     "the pose and its map images; the same": ("guided-transfer", "oracle", True, True),
-    "eight seals of one image": ("resting-camera", "oracle", False, False),
+    "eight seals of one image": ("static-camera", "oracle", False, False),
 }
 
 

@@ -109,7 +109,7 @@ def main() -> None:
         if kind == "inversion":
             more = {"side": 32, "multiple": 2, "visible": name == "invsfm"}
         elif kind == "positions":
-            more = {"scheme": "dcl", "sees": "set"}
+            more = {"scheme": "dcl", "input": "set"}
         export(network, out / name, kind, "sift", DIMENSION, **more)
     (out / "expected.json").write_text(json.dumps(expected, separators=(",", ":")) + "\n")
 

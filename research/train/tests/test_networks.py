@@ -99,9 +99,9 @@ def test_mirrored_descriptors_mirror_back():
     assert (once[:, 1 * 8 + 1] == rows[:, 3 * 32 + 1 * 8 + 7]).all()
 
 
-@pytest.mark.parametrize("sees", models.SEES)
-def test_untrained_positions_return_the_prior(sees):
-    network = models.Positions(128, sees, waves=6, width=16, heads=2, layers=1).eval()
+@pytest.mark.parametrize("input", models.INPUTS)
+def test_untrained_positions_return_the_prior(input):
+    network = models.Positions(128, input, waves=6, width=16, heads=2, layers=1).eval()
     rng = np.random.default_rng(0)
     image = known()
     batch = positions.ObfuscatedBatch([positions.draw(image, 40, True, rng)], Scheme.parse("dcl"), rng)

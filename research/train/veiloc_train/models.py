@@ -8,7 +8,7 @@ from torch.nn import functional as F
 
 from .sets import SetEncoder, centered
 
-SEES = ("set", "row", "line")
+INPUTS = ("set", "row", "line")
 
 
 class Positions(nn.Module):
@@ -25,15 +25,15 @@ class Positions(nn.Module):
     LINE_SCALE = 3.0
 
     def __init__(
-        self, dimension: int, sees: str = "set", waves: int = 12, width: int = 96, heads: int = 4, layers: int = 2,
+        self, dimension: int, input: str = "set", waves: int = 12, width: int = 96, heads: int = 4, layers: int = 2,
         dropout: float = 0.1,
     ):  # fmt: skip
         super().__init__()
-        if sees not in SEES:
-            raise ValueError(f"sees: must be one of {SEES}, not {sees!r}")
-        self.sees, self.waves = sees, waves
+        if input not in INPUTS:
+            raise ValueError(f"input: must be one of {INPUTS}, not {input!r}")
+        self.input, self.waves = input, waves
         inputs = dimension + waves * waves
-        self.encoder = SetEncoder(inputs, waves * waves, width, heads, layers, sees == "set", dropout, zero=True)
+        self.encoder = SetEncoder(inputs, waves * waves, width, heads, layers, input == "set", dropout, zero=True)
         self.register_buffer("frequencies", math.pi * torch.arange(waves, dtype=torch.float32), persistent=False)
 
     def forward(
@@ -46,9 +46,9 @@ class Positions(nn.Module):
         share = torch.softmax(guess, dim=-1).unsqueeze(-1)
         line = across.transpose(2, 3) @ (down * share)  # [1, N, waves, waves]
         line = self.LINE_SCALE * line.reshape(images, rows, self.waves * self.waves)
-        if self.sees == "set":
+        if self.input == "set":
             descriptors = centered(descriptors, present)
-        elif self.sees == "line":
+        elif self.input == "line":
             descriptors = descriptors * 0.0
         answers = self.encoder(torch.cat([descriptors, line], dim=-1), present)
         answers = answers.reshape(images, rows, self.waves, self.waves)

@@ -15,7 +15,7 @@ from . import bins as cuts
 from . import loop
 from .data import KeypointImage, mirrored, read_keypoints, scaled, split
 from .export import export
-from .models import SEES, Positions, parameters
+from .models import INPUTS, Positions, parameters
 from .schemes import Scheme, sent
 
 #: Bins of a row. Outputs are smooth, so more bins do not help.
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     loop.add_arguments(parser, steps=20_000, batch=4, rate=1e-3)
     schemes = "dcl (also dcl:horizontal, dcl:angle=…,s=…), random-lines or coordinate-permutation"
     parser.add_argument("--scheme", default="dcl", help=f"{schemes} (%(default)s)")
-    parser.add_argument("--sees", choices=SEES, default="set", help="input of the network: all rows, one row, or its line only (%(default)s)")
+    parser.add_argument("--input", choices=INPUTS, default="set", help="input of the network: all rows, one row, or its line only (%(default)s)")
     parser.add_argument("--rows", type=int, default=512, help="keypoints sampled from an image (%(default)s)")
     parser.add_argument("--width", type=int, default=192, help="width of the transformer (%(default)s)")
     parser.add_argument("--heads", type=int, default=6, help="(%(default)s)")
@@ -143,7 +143,7 @@ def run(args: argparse.Namespace) -> None:
     if args.mirror and training[0].features != "sift":
         sys.exit(f"--mirror is only for descriptors of kind sift, and these are of kind {training[0].features}")
     dimension = training[0].descriptors.shape[1]
-    network = Positions(dimension, args.sees, args.waves, args.width, args.heads, args.layers, args.dropout)
+    network = Positions(dimension, args.input, args.waves, args.width, args.heads, args.layers, args.dropout)
     print(f"{parameters(network)} parameters, {len(training)} + {len(validation)} images of {dimension} numbers")
 
     def drawn(rng: np.random.Generator) -> ObfuscatedBatch:
@@ -156,4 +156,4 @@ def run(args: argparse.Namespace) -> None:
 
     network.to(args.device)
     trained = loop.train(loop.Task(network, drawn, loss, Validation(validation, network, args, scheme)), args)
-    export(trained, args.out, "positions", training[0].features, dimension, scheme=args.scheme, sees=args.sees)
+    export(trained, args.out, "positions", training[0].features, dimension, scheme=args.scheme, input=args.input)

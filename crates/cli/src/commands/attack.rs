@@ -32,8 +32,8 @@ pub(crate) struct Args {
     /// Attacks: prior, learned-prior, closed-form (the paper's), closed-form-in-image, closed-form-informed,
     /// closed-form-consensus, trained-positions (--positions), transfer (positions of matches in the file's other
     /// images), graph, transfer-graph. Attacks of a server that knows the pose (--server-matches): server-side and
-    /// iterative (the paper's), server-side-points, hole (what stands in front of the map), guided-transfer, several-frames. Attack with several sealed queries
-    /// of the same image: resting-camera.
+    /// iterative (the paper's), server-side-points, occlusion (what stands in front of the map), guided-transfer, several-frames. Attack with several sealed queries
+    /// of the same image: static-camera.
     #[arg(
         long,
         value_delimiter = ',',
@@ -91,9 +91,9 @@ pub(super) struct AdversaryArgs {
     #[arg(long, value_name = "DIR", requires = "server_matches", conflicts_with = "private")]
     private_masks: Option<PathBuf>,
     /// With --server-matches: this percentage of the image lies in random regions the shape of persons whose descriptors
-    /// the device sends turned, so that they match nothing. Errors are not measured there.
+    /// the device sends rotated, so that they match nothing. Errors are not measured there.
     #[arg(long, default_value_t = 0.0, value_name = "PERCENT", requires = "server_matches", value_parser = percent)]
-    turned_regions: f64,
+    rotated_regions: f64,
     /// With --server-matches: the keypoints on which errors are measured.
     #[arg(
         long,
@@ -104,16 +104,16 @@ pub(super) struct AdversaryArgs {
     )]
     measure: MeasureArg,
     /// Number of frames that several-frames combines, including the attacked one, and number of sealed queries for
-    /// resting-camera; several values give a curve.
+    /// static-camera; several values give a curve.
     #[arg(long, value_delimiter = ',', default_value = "3", value_name = "N,…")]
     frames: Vec<usize>,
     /// Selection of the frames that several-frames combines.
     #[arg(long, value_enum, default_value = "turn")]
     frame_selection: FrameSelection,
-    /// For resting-camera: standard deviation of the keypoint detector from frame to frame along each axis, pixels; 0
+    /// For static-camera: standard deviation of the keypoint detector from frame to frame along each axis, pixels; 0
     /// for several sealed queries of one image.
     #[arg(long, default_value_t = 0.0, value_name = "PX", value_parser = noise)]
-    resting_noise: f64,
+    static_noise: f64,
     /// Bits of a line's angle, as set in a profile.
     #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u8).range(6..=16))]
     angle_bits: u8,
@@ -186,7 +186,7 @@ impl AdversaryArgs {
                     (Some(folder), _) => Some(PrivateRegion::Masks(folder.clone())),
                     (None, percent) => percent.map(|percent| PrivateRegion::Share(percent / 100.0)),
                 },
-                turned: self.turned_regions / 100.0,
+                rotated: self.rotated_regions / 100.0,
                 measured: match self.measure {
                     MeasureArg::Hidden => MeasuredKeypoints::Hidden,
                     MeasureArg::All => MeasuredKeypoints::All,
@@ -198,7 +198,7 @@ impl AdversaryArgs {
                 FrameSelection::Turn => FrameChoice::Turn,
                 FrameSelection::Nearest => FrameChoice::Nearest,
             },
-            resting_noise_px: self.resting_noise,
+            static_noise_px: self.static_noise,
             angle_bits: AngleBits::new(self.angle_bits)?,
             seed: self.seed,
             ..AttackEvaluation::default()

@@ -56,7 +56,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value_t = 1500, conflicts_with = "no_synthetic",
           value_parser = clap::value_parser!(u32).range(1..=100_000))]
     synthetic: u32,
-    /// Attacks, as in `veiloc attack`. Default: resting-camera (several sealed queries of one image); with several
+    /// Attacks, as in `veiloc attack`. Default: static-camera (several sealed queries of one image); with several
     /// images that have descriptors also transfer, which uses the other images as a server's map; and, with the true
     /// neighbours from an oracle, closed-form, closed-form-informed and graph.
     #[arg(long, value_delimiter = ',', value_name = "ATTACK,…")]

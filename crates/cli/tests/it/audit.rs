@@ -107,7 +107,7 @@ fn default_attacks_put_oracles_last() {
         .succeeded();
     let at = |text: &str| run.stdout.find(text).unwrap_or_else(|| panic!("{text}: {run}"));
     let oracle = at("Attacks with true neighbours from an oracle, which no real attacker has");
-    for attack in ["resting-camera", "transfer"] {
+    for attack in ["static-camera", "transfer"] {
         assert!(at(attack) < oracle, "{run}");
     }
     assert!(at("closed-form") > oracle && at("graph") > oracle, "{run}");

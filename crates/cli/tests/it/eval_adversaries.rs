@@ -15,7 +15,8 @@ fn adversaries_on_rendered_scene_and_keypoint_files() {
              --keypoints elsewhere.jsonl --train elsewhere.jsonl --max-attacked 1 --quick --json a.json"
         ))
         .succeeded();
-    for word in ["outsider-statistic", "pose-server-images", "several-seals", "their resources are missing"] {
+    for word in ["query-only-statistic", "pose-server-images", "several-seals", "their resources are missing"]
+    {
         assert!(run.stdout.contains(word), "{word}: {run}");
     }
     assert!(run.stdout.lines().all(|line| line.chars().count() <= 120), "{run}");
@@ -41,7 +42,7 @@ fn adversaries_on_rendered_scene_and_keypoint_files() {
     };
     // An oracle's neighbours give more than predicted ones, and the map's images give more than several sealed queries.
     for scheme in ["random-lines", "coordinate-permutation", "dcl"] {
-        assert!(bits("true-neighbours", scheme) > bits("outsider-statistic", scheme) + 0.5, "{scheme}");
+        assert!(bits("true-neighbours", scheme) > bits("query-only-statistic", scheme) + 0.5, "{scheme}");
     }
     assert!(bits("several-seals", "dcl") > 0.1, "{document}");
     // A file of keypoints comes without a map.
@@ -61,7 +62,7 @@ fn contradictory_arguments_are_refused() {
         ("--keypoints k.jsonl", 1, "k.jsonl"),
         ("--posed p", 2, "--images"),
         ("--keypoints k.jsonl --masks m", 2, "--posed"),
-        ("--keypoints k.jsonl --adversaries nobody", 2, "outsider-statistic"),
+        ("--keypoints k.jsonl --adversaries nobody", 2, "query-only-statistic"),
         ("--keypoints k.jsonl --max-attacked 0", 2, "--max-attacked"),
     ] {
         let run = scene.run(&format!("eval adversaries {arguments}"));

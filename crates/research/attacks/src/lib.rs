@@ -11,7 +11,7 @@
 //! - [`NeighbourPredictor`]: neighbours predicted from descriptors alone, without an oracle (networks that predict
 //!   neighbours, positions and images are in [`learned`], cargo feature `networks`);
 //! - [`transfer`](transfer()): positions and neighbours transferred from map images with similar descriptors;
-//! - [`server_side()`], [`iterative`], [`hole()`], [`guided_transfer`]: attacks by a server that has found the pose, and so knows
+//! - [`server_side()`], [`iterative`], [`occlusion()`], [`guided_transfer`]: attacks by a server that has found the pose, and so knows
 //!   the keypoints that matched its map.
 //!
 //! Attacks on several queries of one scene are in [`multi_view`].
@@ -72,8 +72,8 @@ pub use predictor::NeighbourPredictor;
 pub use prior::{KnownSegment, expected_positions, prior_median, prior_only};
 pub use ranking::likeliest_pairs;
 pub use server_side::{
-    GuidedEstimate, GuidedOptions, HoleEstimate, LineNeighbours, MapVisibility, guided_transfer, hole,
-    iterative, server_side,
+    GuidedEstimate, GuidedOptions, LineNeighbours, MapVisibility, OcclusionEstimate, guided_transfer,
+    iterative, occlusion, server_side,
 };
 pub use tracks::mutual_matches;
 pub use transfer::{TransferredPositions, transfer};

@@ -20,7 +20,7 @@ use crate::output::ui::Ui;
 /// Report what each adversary recovers from the queries of every scheme, with its best attack.
 ///
 /// Adversaries differ in their knowledge beside the query. Adversaries that know the scene run if a scene is given (a
-/// map is built from the images of the map list, and images of the query list are attacked); outsiders run if they have
+/// map is built from the images of the map list, and images of the query list are attacked); query-only adversaries run if they have
 /// training data (--train). The table shows the best attack of each adversary, in pixels and in bits over the
 /// prior-only baseline.
 #[derive(clap::Args)]
@@ -41,15 +41,15 @@ pub(crate) struct Args {
     /// Adversaries, in the order of the table; see below. Default: all whose inputs are given.
     #[arg(long, value_delimiter = ',', value_name = "ADVERSARY,…")]
     adversaries: Vec<Adversary>,
-    /// Keypoints of other scenes that outsiders train on, as written by `eval keypoints`; attacked images among them
+    /// Keypoints of other scenes that query-only adversaries train on, as written by `eval keypoints`; attacked images among them
     /// are left out.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     train: Vec<PathBuf>,
-    /// Description (.toml) of a neighbour network, for `outsider-neighbours`; it must have been trained on other
+    /// Description (.toml) of a neighbour network, for `query-only-neighbours`; it must have been trained on other
     /// scenes.
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// Descriptions (.toml) of position networks, at most one per scheme, for `outsider-network`.
+    /// Descriptions (.toml) of position networks, at most one per scheme, for `query-only-network`.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     positions: Vec<PathBuf>,
     /// Attack only N images of each scene or file, evenly spaced. Default: all.
@@ -71,16 +71,16 @@ pub(crate) struct Args {
 
 const ADVERSARIES: &str = "\
 Adversaries, and their knowledge beside the query:
-  outsider-statistic  descriptor statistics, learned from the keypoints of --train
-  outsider-neighbours the neighbour network of --model, trained on other scenes
-  outsider-network    the position networks of --positions, trained on other scenes: from all rows to positions
-  map-server          images of the map, with keypoints
-  pose-server         the map and the pose, estimated from the query; only keypoints without a map point are counted
-  pose-server-private the same, counted on a tenth of the keypoints that hides the map, as a person in front of it does
-  pose-server-images  as pose-server, with the keypoints of the map's images
-  several-frames      the poses of two or eight queries of the scene
-  several-seals       eight sealed queries of one image
-  true-neighbours     the true neighbours, from an oracle; no real attacker has them, for comparison only
+  query-only-statistic  descriptor statistics, learned from the keypoints of --train
+  query-only-neighbours the neighbour network of --model, trained on other scenes
+  query-only-network    the position networks of --positions, trained on other scenes: from all rows to positions
+  map-server            images of the map, with keypoints
+  pose-server           the map and the pose, estimated from the query; only keypoints without a map point are counted
+  pose-server-private   the same, counted on a tenth of the keypoints that hides the map, as a person in front of it does
+  pose-server-images    as pose-server, with the keypoints of the map's images
+  several-frames        the poses of two or eight queries of the scene
+  several-seals         eight sealed queries of one image
+  true-neighbours       the true neighbours, from an oracle; no real attacker has them, for comparison only
 
 Example: veiloc eval keypoints photos -o photos.jsonl.gz
          veiloc eval adversaries --posed posed --images images --map-list map.txt --query-list query.txt \\

@@ -103,8 +103,8 @@ Rows of the table:
   closed-form, graph    attacks with true neighbours, which no real attacker has: the paper's, and a stronger one
   realistic             the best of the attacks that --train, --positions and --map-list allow
   lines                 no attack: each descriptor spread over its line
-  bag, none             descriptors without positions
-  nothing, none         no descriptor: the output of the network without input
+  unordered, none       descriptors without positions
+  none, none            no descriptor: the output of the network without input
 
 Example: veiloc eval inversion images --list query.txt --map-list map.txt --network inversion.toml --contact-sheet sheet.png";
 

@@ -25,9 +25,9 @@ pub(crate) struct Args {
     #[arg(long, value_delimiter = ',', default_value = "image,world,gravity", value_name = "ANCHORS,…")]
     anchors: Vec<SessionAnchors>,
     /// Origin of the combined frames: turning (the frames of the trajectory that give the most information), walking
-    /// (the frames before the attacked one), resting (the same image with new sensor noise), visiting (as turning, but
+    /// (the frames before the attacked one), static (the same image with new sensor noise), visiting (as turning, but
     /// each frame in a session of its own).
-    #[arg(long, value_delimiter = ',', default_value = "turning,walking,resting", value_name = "MOTION,…")]
+    #[arg(long, value_delimiter = ',', default_value = "turning,walking,static", value_name = "MOTION,…")]
     motion: Vec<Motion>,
     /// Number of combined frames, including the attacked one.
     #[arg(long, value_delimiter = ',', default_value = "2,3,5,8", value_name = "N,…")]
@@ -47,7 +47,7 @@ pub(crate) struct Args {
     /// Maximum distance between consecutive queries of one trajectory, map units.
     #[arg(long, default_value_t = 0.5, value_name = "T")]
     max_distance: f64,
-    /// Standard deviation of the sensor noise in frames of a resting camera, grey levels of 255.
+    /// Standard deviation of the sensor noise in frames of a static camera, grey levels of 255.
     #[arg(long, default_value_t = 2.0, value_name = "LEVELS")]
     sensor_noise: f64,
     /// Width of the band along sector borders whose keypoints sessions leave out, degrees. Default: as on devices.

@@ -353,7 +353,7 @@ fn options_that_are_not_possible_are_refused() {
 
 /// L10: a camera that rests sends the same rows again, and its angles do not scatter.
 #[test]
-fn frames_of_a_resting_camera_repeat_their_codes() {
+fn frames_of_a_static_camera_repeat_their_codes() {
     let room = room();
     let mut burst = burst();
     for (seed, seconds) in [(0, 0.0), (1, 0.4), (2, 0.8)] {

@@ -1,6 +1,6 @@
-//! Descriptors of decoys: turned copies of the rows that are sent.
+//! Descriptors of decoys: rotated copies of the rows that are sent.
 //!
-//! All real rows are copied together, as often as needed. A copy is turned about the mean of the rows: by a random
+//! All real rows are copied together, as often as needed. A copy is rotated about the mean of the rows: by a random
 //! rotation within each group of [`GROUP`] neighbouring principal components, after which every component gets its
 //! variance back. So decoys have the mean and the covariance of the real rows, and two decoys of one copy are about as
 //! similar to each other as the two rows that they are copies of: each has its nearest rows, and these lie where the
@@ -30,7 +30,7 @@ use super::normal;
 
 /// Fewer rows do not determine the dependence between dimensions, and decoys would be nearly copies.
 pub(super) const MIN_ROWS: usize = 3;
-/// Principal components that are turned together. Turning only signs would keep the magnitude of each component, which
+/// Principal components that are rotated together. Turning only signs would keep the magnitude of each component, which
 /// would show whose copy a decoy is; turning all would lose the covariance.
 const GROUP: usize = 8;
 /// How often the nearest row of a chosen row is chosen too, where only a part of a copy is needed. Always would prefer
@@ -45,7 +45,7 @@ const NEARER: f64 = 0.1;
 const CLIP_ROUNDS: usize = 8;
 /// Rows that are left out in turn, to measure which part of a row the others do not span.
 const HELD_OUT: usize = 20;
-/// Smallest principal component that is turned, relative to the largest.
+/// Smallest principal component that is rotated, relative to the largest.
 const MIN_COMPONENT: f64 = 1e-9;
 /// Noise added to a decoy that equals a real row, relative to the usual size of a value.
 const NOISE: f64 = 0.15;
@@ -122,7 +122,7 @@ pub(super) fn decoys<R: Rng + ?Sized>(
     made
 }
 
-/// Turned copies of centred rows, `[copies * rows]`; of each, the share `outside` is turned out of their span.
+/// Rotated copies of centred rows, `[copies * rows]`; of each, the share `outside` is rotated out of their span.
 fn copies<R: Rng + ?Sized>(centred: &[Vec<f64>], outside: f64, copies: usize, rng: &mut R) -> Vec<Vec<f64>> {
     let (rows, dim) = (centred.len(), centred[0].len());
     let all = DMatrix::from_fn(rows, dim, |i, j| centred[i][j]);
@@ -142,16 +142,16 @@ fn copies<R: Rng + ?Sized>(centred: &[Vec<f64>], outside: f64, copies: usize, rn
     let common = if outside > 0.0 { rotation(dim, rng) } else { DMatrix::zeros(0, 0) };
     let mut made = Vec::with_capacity(copies * rows);
     for _ in 0..copies {
-        let mut turned = parts.clone();
+        let mut rotated = parts.clone();
         for first in (0..order.len()).step_by(GROUP) {
             let width = GROUP.min(order.len() - first);
             let group = parts.columns(first, width) * rotation(width, rng);
             for (j, column) in group.column_iter().enumerate() {
                 let restored = column * (sizes[first + j] / column.norm().max(MIN_DIVISOR));
-                turned.set_column(first + j, &restored);
+                rotated.set_column(first + j, &restored);
             }
         }
-        let mut copy = turned * &directions;
+        let mut copy = rotated * &directions;
         if outside > 0.0 {
             let own = &all * rotation(dim, rng);
             let mut free = (&copy * &common) * SHARED.sqrt() + own * (1.0 - SHARED).sqrt();

@@ -1,6 +1,6 @@
 //! Decoys: features that fill a query up to the smallest size class (rule L5).
 //!
-//! Decoys are copies of all real rows that are sent, with descriptors that are turned ([`blend`]) and positions near
+//! Decoys are copies of all real rows that are sent, with descriptors that are rotated ([`blend`]) and positions near
 //! those of the rows: what holds between the descriptors and positions of two real rows holds between their copies.
 //! Nothing else enters: no other descriptors of the image, and nothing of a profile, which an attacker could choose so
 //! that decoys stand out.

@@ -59,11 +59,11 @@ pub struct SessionOptions {
     /// corrected.
     pub max_correction_deg: f64,
     /// Width of the cells on which angles are quantized, radians; 0 disables the grid, and angles are dithered anew in
-    /// each frame as in [`Sealer::seal`](crate::Sealer::seal), so that those of a resting camera scatter. Default 0.002: coarser cells cost
+    /// each frame as in [`Sealer::seal`](crate::Sealer::seal), so that those of a static camera scatter. Default 0.002: coarser cells cost
     /// accuracy where images are sharp (decision 0019).
     pub step: f64,
     /// Whether the device stores the sent rows, to send the same row for a keypoint that is seen again (module docs).
-    /// Default true; without it, angles of a resting camera scatter over neighbouring cells.
+    /// Default true; without it, angles of a static camera scatter over neighbouring cells.
     pub memory: bool,
     /// How often the layout may be placed for one scene; `None`, for evaluations, means any number. Scenes are
     /// recognized by the stored landmarks; without memory the whole session counts as one scene. Default 2: an image

@@ -61,7 +61,7 @@ pub(super) struct NetworkDescription {
     pub(super) side: Option<usize>,
     pub(super) multiple: Option<usize>,
     pub(super) scheme: Option<String>,
-    pub(super) sees: Option<InputModality>,
+    pub(super) input: Option<InputModality>,
 }
 
 impl NetworkDescription {
@@ -92,7 +92,7 @@ impl NetworkDescription {
             return Err(format!("its dimension is {}; it must be from 1 to {MAX_DIMENSION}", read.dimension));
         }
         let given =
-            [read.side.is_some(), read.multiple.is_some(), read.scheme.is_some(), read.sees.is_some()];
+            [read.side.is_some(), read.multiple.is_some(), read.scheme.is_some(), read.input.is_some()];
         for ((name, of), given) in OF_KINDS.into_iter().zip(given) {
             if given != (of == expected) {
                 let what = if given { "has" } else { "lacks" };
@@ -111,7 +111,7 @@ const OF_KINDS: [(&str, NetworkKind); 4] = [
     ("side", NetworkKind::Inversion),
     ("multiple", NetworkKind::Inversion),
     ("scheme", NetworkKind::Positions),
-    ("sees", NetworkKind::Positions),
+    ("input", NetworkKind::Positions),
 ];
 
 /// A network with its description.

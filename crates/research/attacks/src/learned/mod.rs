@@ -17,7 +17,7 @@
 //! multiple = 16                 # sides of the grid are multiples of this; it divides `side`
 //! # of positions:
 //! scheme = "dcl"                # under which it learned, as `--scheme` has it
-//! sees = "set"                  # of a query: all rows ("set"), each row alone ("row"), each line alone ("line")
+//! input = "set"                 # of a query: all rows ("set"), each row alone ("row"), each line alone ("line")
 //! ```
 //!
 //! The input descriptors of all networks are scaled to a squared norm equal to their length; a zero descriptor stays

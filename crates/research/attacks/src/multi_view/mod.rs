@@ -13,7 +13,7 @@
 //!   point that changes sides belongs to the other anchor, and is determined. Lines of any other direction do not
 //!   have this property.
 //! - **A stationary camera** reveals distances by the scatter of the angles, which is the noise divided by the
-//!   distance from the anchor: [`resting_camera`].
+//!   distance from the anchor: [`static_camera`].
 //!
 //! # Method
 //! For each position `t` on the keypoint's own line, the likelihood of the lines of all other frames is integrated
@@ -36,7 +36,7 @@ mod frame;
 mod frame_selection;
 mod line_posterior;
 mod ray_plane;
-mod resting_camera;
+mod static_camera;
 
 use crate::{AttackError, Observation, mutual_matches};
 use rayon::prelude::*;
@@ -46,7 +46,7 @@ pub use frame::{Frame, FramesOptions, TriangulatedKeypoint};
 pub use frame_selection::{select_frames, select_frames_matched};
 use line_posterior::AttackedKeypoint;
 use ray_plane::RelativeFrame;
-pub use resting_camera::{RestingOptions, resting_camera};
+pub use static_camera::{StaticCameraOptions, static_camera};
 
 /// Recovers the keypoints of the first frame from the lines of all frames: `[N]` of the first frame (module docs).
 ///

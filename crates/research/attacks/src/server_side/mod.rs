@@ -3,20 +3,20 @@
 //!
 //! - [`server_side`]: the paper's attack (its supplement, "Baseline server-side attack");
 //! - [`iterative`]: the paper's iterative attack, which reuses estimated positions as known ones;
-//! - [`hole`](hole()): where the map should have been seen and was not;
+//! - [`occlusion`](occlusion()): where the map should have been seen and was not;
 //! - [`guided_transfer`](guided_transfer()): map images warped into the query by the flow of the inliers.
 //!
 //! [`crate::graph()`] uses known positions as well, and is the strongest attack that needs neighbours.
 
 mod flow;
 mod guided;
-mod hole;
 mod iterative;
+mod occlusion;
 mod warp;
 
 pub use guided::{GuidedEstimate, GuidedOptions, guided_transfer};
-pub use hole::{HoleEstimate, MapVisibility, hole};
 pub use iterative::iterative;
+pub use occlusion::{MapVisibility, OcclusionEstimate, occlusion};
 
 use crate::error::AttackError;
 use crate::geometry_recovery::{ClosedFormOptions, RecoveredKeypoint, closed_form};

@@ -324,7 +324,7 @@ fn invalid_descriptions_are_refused_with_file_name_and_remedy() {
     let inversion = "version = 1\nkind = \"inversion\"\nmodel = \"inversion.onnx\"\nfeatures = \"sift\"\n\
                      dimension = 128\nside = 32\nmultiple = 4\n";
     let positions = "version = 1\nkind = \"positions\"\nmodel = \"positions.onnx\"\nfeatures = \"a\"\n\
-                     dimension = 12\nscheme = \"dcl\"\nsees = \"set\"\n";
+                     dimension = 12\nscheme = \"dcl\"\ninput = \"set\"\n";
     let neighbours =
         "version = 1\nkind = \"neighbours\"\nmodel = \"neighbours.onnx\"\nfeatures = \"a\"\ndimension = 12\n";
     let cases: &[(&str, &str, &str, &str, &str)] = &[
@@ -360,7 +360,7 @@ fn invalid_descriptions_are_refused_with_file_name_and_remedy() {
         ("positions", positions, "\"dcl\"", "\"squares\"", "squares"),
         ("positions", positions, "\"dcl\"", "\"points\"", "openly"),
         ("positions", positions, "\"set\"", "\"all\"", "all"),
-        ("positions", positions, "sees = \"set\"", "", "lacks `sees`"),
+        ("positions", positions, "input = \"set\"", "", "lacks `input`"),
         (
             "positions",
             positions,

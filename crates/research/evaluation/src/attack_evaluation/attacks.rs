@@ -4,10 +4,10 @@ use std::fmt;
 use std::str::FromStr;
 
 use serde::Serialize;
-use veiloc_attacks::multi_view::{TriangulatedKeypoint, resting_camera};
+use veiloc_attacks::multi_view::{TriangulatedKeypoint, static_camera};
 use veiloc_attacks::{
     ClosedFormOptions, GraphOptions, GuidedEstimate, GuidedOptions, LineNeighbours, MapVisibility,
-    NeighbourLists, closed_form, graph, guided_transfer, hole, iterative, server_side,
+    NeighbourLists, closed_form, graph, guided_transfer, iterative, occlusion, server_side,
 };
 use veiloc_geometry::Pixel;
 
@@ -133,7 +133,7 @@ pub const ATTACKS: [Attack; 18] = [
         run: |a| Ok(iterative(a.observations(), &a.neighbours()?, a.width(), a.height())?.into()),
     },
     Attack {
-        name: "hole",
+        name: "occlusion",
         words: "rows where the map should have been seen and was not",
         holds: SERVER,
         needs: &[Pose],
@@ -213,7 +213,7 @@ impl Attack {
 
     /// The scatter of the angles of several seals.
     pub const RESTING_CAMERA: Self = Self {
-        name: "resting-camera",
+        name: "static-camera",
         words: "scatter of angles from a stationary camera",
         holds: "several queries of a stationary camera, or of one image",
         needs: &[Seals],
@@ -265,7 +265,7 @@ fn guided(a: &AttackContext<'_>) -> Result<RecoveredPositions, EvalError> {
 
 /// Positions from the scatter of several seals' angles.
 fn by_scatter(a: &AttackContext<'_>) -> Result<RecoveredPositions, EvalError> {
-    let found = resting_camera(a.observations(), &a.seals()?, (a.width(), a.height()), &a.angle_codes())?;
+    let found = static_camera(a.observations(), &a.seals()?, (a.width(), a.height()), &a.angle_codes())?;
     Ok(or_else(found.iter().map(|s| s.pixel), a.prior_only()))
 }
 
@@ -286,7 +286,7 @@ fn in_the_hole(a: &AttackContext<'_>) -> RecoveredPositions {
         expected: pose.expected.clone(),
         confirmed: pose.known.iter().map(|(at, _)| *at).collect(),
     });
-    let found = hole(a.observations(), &map, a.width(), a.height());
+    let found = occlusion(a.observations(), &map, a.width(), a.height());
     RecoveredPositions { hiding: Some(found.inside), ..found.pixels.into() }
 }
 

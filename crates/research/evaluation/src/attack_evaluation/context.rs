@@ -5,7 +5,7 @@ use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 use rand_chacha::ChaCha8Rng;
-use veiloc_attacks::multi_view::RestingOptions;
+use veiloc_attacks::multi_view::StaticCameraOptions;
 use veiloc_attacks::{
     DecodedDescriptors, Density, KnownImage, NeighbourLists, Observation, TransferredPositions, errors_px,
     prior_median, prior_only, transfer,
@@ -211,10 +211,10 @@ impl<'a> AttackContext<'a> {
     }
 
     /// Model of the angle codes of these seals.
-    pub fn angle_codes(&self) -> RestingOptions {
+    pub fn angle_codes(&self) -> StaticCameraOptions {
         let evaluation = self.evaluation();
         let cell = std::f64::consts::PI / f64::from(evaluation.angle_bits.levels());
-        RestingOptions::of_one_image(cell).with_noise(evaluation.resting_noise_px)
+        StaticCameraOptions::of_one_image(cell).with_noise(evaluation.static_noise_px)
     }
 
     /// Positions from the trained network; the prior-only baseline if there is no network for the scheme.

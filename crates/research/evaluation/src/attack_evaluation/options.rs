@@ -45,7 +45,7 @@ pub struct AttackEvaluation {
     pub choice: FrameChoice,
     /// Detector noise from frame to frame of a stationary camera, standard deviation along each axis, pixels; 0 for
     /// seals of one image.
-    pub resting_noise_px: f64,
+    pub static_noise_px: f64,
     /// Bits of a line's angle, as a device sends it.
     pub angle_bits: AngleBits,
     /// Seed of obfuscation, corruption and starts.
@@ -91,7 +91,7 @@ impl Default for AttackEvaluation {
             server: None,
             frames: Vec::new(),
             choice: FrameChoice::default(),
-            resting_noise_px: 0.0,
+            static_noise_px: 0.0,
             angle_bits: AngleBits::default(),
             seed: 0,
         }
@@ -129,9 +129,9 @@ pub struct ServerKnowledge {
     pub map_problems: Vec<PathBuf>,
     /// A region that is missing from the map, such as a person; errors are then measured on its keypoints.
     pub private: Option<PrivateRegion>,
-    /// Share of the image, 0 to 1, in random regions whose descriptors the device sends turned, so that they match
+    /// Share of the image, 0 to 1, in random regions whose descriptors the device sends rotated, so that they match
     /// nothing; errors are not measured there.
-    pub turned: f64,
+    pub rotated: f64,
     /// Where errors are measured, without a private region.
     pub measured: MeasuredKeypoints,
 }

@@ -11,7 +11,7 @@ use veiloc_protocol::Scheme;
 use super::neighbours::check_features;
 use crate::EvalError;
 
-/// Position networks trained by an outsider.
+/// Position networks trained by a query-only adversary.
 #[derive(Debug, Default)]
 pub(super) struct PositionNetworks {
     networks: Vec<PositionNetwork>,

@@ -47,14 +47,14 @@ pub(super) fn masked(keypoints: &[Pixel], size: [u32; 2], mask: &Mask) -> Result
     Ok(keypoints.iter().map(hides).collect())
 }
 
-/// Half heights of the regions of [`turned`], relative to the image's height.
+/// Half heights of the regions of [`rotated`], relative to the image's height.
 const HALF_HEIGHTS: [f64; 2] = [0.12, 0.36];
 /// Cells of the grid on which their share of the image is counted.
 const CELLS: [usize; 2] = [64, 48];
 
 /// Keypoints in random upright ellipses that cover this share of the image, `[N]`: a device that knows neither the map
-/// nor what is private sends their descriptors turned, as those of decoys. So the map is missing there too.
-pub(super) fn turned(keypoints: &[Pixel], size: [u32; 2], share: f64, rng: &mut impl Rng) -> Vec<bool> {
+/// nor what is private sends their descriptors rotated, as those of decoys. So the map is missing there too.
+pub(super) fn rotated(keypoints: &[Pixel], size: [u32; 2], share: f64, rng: &mut impl Rng) -> Vec<bool> {
     let mut inside = vec![false; keypoints.len()];
     let [width, height] = size.map(f64::from);
     let mut free: Vec<Pixel> = (0..CELLS[0] * CELLS[1])
@@ -116,13 +116,13 @@ mod tests {
     }
 
     #[test]
-    fn turned_regions_cover_the_requested_share() {
+    fn rotated_regions_cover_the_requested_share() {
         let grid: Vec<Pixel> = (0..4800)
             .map(|i| Pixel::new((f64::from(i % 80) + 0.5) * 8.0, (f64::from(i / 80) + 0.5) * 8.0))
             .collect();
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         for share in [0.0, 0.2, 0.5] {
-            let inside = turned(&grid, [640, 480], share, &mut rng);
+            let inside = rotated(&grid, [640, 480], share, &mut rng);
             let covered = inside.iter().filter(|inside| **inside).count() as f64 / 4800.0;
             // The last region may exceed it: the largest has a sixth of the image.
             assert!((share - 0.01..share + 0.18).contains(&covered), "{share}: {covered}");

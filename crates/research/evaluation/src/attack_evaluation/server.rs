@@ -22,7 +22,7 @@ use veiloc_synthetic::problems::normal_pair;
 use super::document::ServerSummary;
 use super::inliers::{depth_limits, likeliest_by_row, projected_inliers};
 use super::options::{AttackEvaluation, MeasuredKeypoints, PrivateRegion, ServerKnowledge};
-use super::private_region::{masked, person, turned};
+use super::private_region::{masked, person, rotated};
 use crate::EvalError;
 use crate::pose::pose_problem;
 use veiloc_datasets::problem_files::{KeypointImage, Problem, read_problems, seed_for};
@@ -106,15 +106,15 @@ impl<'a> Server<'a> {
         let private = self.private_region(image, evaluation.seed)?;
         let mut rng = ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[&image.name, "turned regions"]));
         let size = [image.width, image.height];
-        let turned = turned(&image.keypoints, size, self.knowledge.turned, &mut rng);
+        let rotated = rotated(&image.keypoints, size, self.knowledge.rotated, &mut rng);
         let in_map =
-            |m: &usize| private.as_ref().is_none_or(|inside| !inside[rows[*m][0]]) && !turned[rows[*m][0]];
+            |m: &usize| private.as_ref().is_none_or(|inside| !inside[rows[*m][0]]) && !rotated[rows[*m][0]];
         let selected: Vec<usize> = (0..rows.len()).filter(in_map).collect();
         let matched = restricted_to(problem, &selected, &rows);
 
         let mut view = SentImage::of(evaluation, image, scheme)?;
         self.localize(&matched, &rows, &mut view, &mut evaluation.rng(&image.name, scheme, "pose"));
-        self.measure(private, &turned, &mut view);
+        self.measure(private, &rotated, &mut view);
         Ok(view)
     }
 
@@ -169,7 +169,7 @@ impl<'a> Server<'a> {
     }
 
     /// Selects the keypoints on which errors are measured.
-    fn measure(&self, private: Option<Vec<bool>>, turned: &[bool], view: &mut SentImage) {
+    fn measure(&self, private: Option<Vec<bool>>, rotated: &[bool], view: &mut SentImage) {
         let measured: Vec<bool> = match (private, self.knowledge.measured) {
             (Some(inside), _) => inside,
             (None, MeasuredKeypoints::Hidden) => view.known.iter().map(Option::is_none).collect(),
@@ -183,7 +183,7 @@ impl<'a> Server<'a> {
                 view.known.iter().map(Option::is_some).collect()
             }
         };
-        let of = |turned_too: bool| measured.iter().zip(turned).map(move |(m, t)| *m && *t == turned_too);
+        let of = |rotated_too: bool| measured.iter().zip(rotated).map(move |(m, t)| *m && *t == rotated_too);
         (view.ignored, view.measured) = (of(true).collect(), of(false).collect());
     }
 }
@@ -217,7 +217,7 @@ pub(super) struct SentImage {
     pub(super) known: Vec<Option<Pixel>>,
     /// `[N]`: whether the error of a keypoint is measured.
     pub(super) measured: Vec<bool>,
-    /// `[N]`: private keypoints whose descriptors are turned: they are neither measured nor counted as others.
+    /// `[N]`: private keypoints whose descriptors are rotated: they are neither measured nor counted as others.
     pub(super) ignored: Vec<bool>,
     /// The camera with its pose and depths, if a pose was found.
     pub(super) pose: Option<PosedView>,
@@ -270,7 +270,7 @@ pub(super) fn reseal_image(
         .keypoints
         .iter()
         .map(|p| {
-            let [du, dv] = normal_pair(&mut rng).map(|z| z * evaluation.resting_noise_px);
+            let [du, dv] = normal_pair(&mut rng).map(|z| z * evaluation.static_noise_px);
             Pixel::new(inside(p.u + du, image.width), inside(p.v + dv, image.height))
         })
         .collect();

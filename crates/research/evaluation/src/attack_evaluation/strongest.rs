@@ -120,7 +120,7 @@ mod tests {
                 row("closed-form", 40.0, 9.0),
                 row("graph", 10.0, 5.0),
                 row("transfer", 0.0, 2.0),
-                row("resting-camera", 0.0, f64::NAN),
+                row("static-camera", 0.0, f64::NAN),
             ],
             ..AttackDocument::default()
         };

@@ -47,7 +47,7 @@ pub fn inversion_page(
     for row in &document.summary {
         let is_first = last != Some(&row.scheme);
         let class = match (row.scheme.as_str(), is_first && last.is_some()) {
-            ("nothing", _) => "baseline group",
+            ("none", _) => "baseline group",
             (_, true) => "group",
             (_, false) => "",
         };
@@ -109,7 +109,7 @@ fn cards(rows: &[SummaryRow]) -> Vec<Card> {
         let attack = attack_words(row.attack, row.best_attack.as_deref()).to_lowercase();
         card(row, "Strongest attack without an oracle", format!("{}: {attack}.", given(&row.scheme)))
     });
-    let nothing = of("nothing")
+    let nothing = of("none")
         .map(|row| card(row, "No descriptor", "The output of the network without any input.".to_owned()));
     [keypoints, best, nothing].into_iter().flatten().collect()
 }
@@ -117,8 +117,8 @@ fn cards(rows: &[SummaryRow]) -> Vec<Card> {
 /// Display name of the network's input.
 fn given(scheme: &str) -> String {
     match scheme {
-        "bag" => "Descriptors alone".to_owned(),
-        "nothing" => "Nothing".to_owned(),
+        "unordered" => "Descriptors alone".to_owned(),
+        "none" => "Nothing".to_owned(),
         scheme => scheme_name(scheme),
     }
 }
@@ -153,7 +153,7 @@ fn found_again(found: Option<usize>, all: Option<usize>) -> Option<String> {
 /// rows.
 fn gain(rows: &[SummaryRow], row: &SummaryRow) -> Option<f64> {
     let psnr = |scheme: &str| rows.iter().find(|row| row.scheme == scheme).map(|row| row.psnr);
-    let (least, most) = (psnr("nothing")?, psnr("points")?);
+    let (least, most) = (psnr("none")?, psnr("points")?);
     // An untrained network has no gain.
     (most - least > 0.1).then(|| (row.psnr - least) / (most - least))
 }
@@ -253,7 +253,7 @@ mod tests {
             scheme: scheme.into(),
             attack,
             best_attack: None,
-            mean_px: (scheme != "nothing").then_some(12.25),
+            mean_px: (scheme != "none").then_some(12.25),
             median_px: None,
             psnr,
             ssim: psnr / 30.0,
@@ -304,7 +304,7 @@ mod tests {
                 row("points", "none", 16.0),
                 row("dcl", "prior", 12.5),
                 SummaryRow { best_attack: Some("transfer".into()), ..row("dcl", "realistic", 13.0) },
-                row("nothing", "none", 12.0),
+                row("none", "none", 12.0),
             ],
             rows: vec![rebuilt("points", "none"), rebuilt("dcl", "prior")],
         };

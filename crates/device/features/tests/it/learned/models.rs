@@ -221,7 +221,7 @@ fn derived_description_has_only_the_differences() {
         ("name = \"mine\"\nof = \"orb\"", "\"orb\""),
         ("name = \"mine\"\nof = 3", "no model"),
         ("name = \"mine\"\nof = \"xfeat\"\nscore = 1", "unknown field"),
-        ("of = \"xfeat\"\n[descriptors]\nlayer = 0\nnumbers = 32\nsight = 32", "xfeat"),
+        ("of = \"xfeat\"\n[descriptors]\nlayer = 0\nnumbers = 32\nreceptive_field = 32", "xfeat"),
     ] {
         let refused = parse(text).expect_err(text);
         assert!(matches!(refused, FeatureError::Description { .. }), "{text}: {refused}");

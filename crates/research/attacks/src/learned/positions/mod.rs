@@ -38,7 +38,7 @@ const NO_BIN: f32 = -1e9;
 pub struct PositionNetwork {
     network: DescribedNetwork,
     scheme: Scheme,
-    sees: InputModality,
+    input: InputModality,
 }
 
 impl PositionNetwork {
@@ -57,14 +57,14 @@ impl PositionNetwork {
                 "its scheme, {name}, sends positions openly, so there is nothing to predict"
             )));
         }
-        let sees = description.sees.unwrap_or(InputModality::Set);
+        let input = description.input.unwrap_or(InputModality::Set);
         let inputs: [(&str, &[Option<usize>]); 3] = [
             ("descriptors", &[Some(1), None, Some(network.dimension())]),
             ("places", &[Some(1), None, None, Some(2)]),
             ("guess", &[Some(1), None, None]),
         ];
         network.check(&inputs, &["logits"])?;
-        Ok(Self { network, scheme, sees })
+        Ok(Self { network, scheme, input })
     }
 
     /// The descriptor kind of its training data.
@@ -79,7 +79,7 @@ impl PositionNetwork {
 
     /// Its input modality.
     pub fn input_modality(&self) -> InputModality {
-        self.sees
+        self.input
     }
 
     /// Posterior probability of each bin of each row, `[bins]`.

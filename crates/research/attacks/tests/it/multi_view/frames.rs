@@ -4,8 +4,8 @@ use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use veiloc_attacks::multi_view::{
-    Frame, FramesOptions, RestingOptions, TriangulatedKeypoint, multi_view_attack, resting_camera,
-    select_frames,
+    Frame, FramesOptions, StaticCameraOptions, TriangulatedKeypoint, multi_view_attack, select_frames,
+    static_camera,
 };
 use veiloc_attacks::{
     AttackError, DecodedDescriptors, ErrorSummary, Observation, bits_over_prior, lift, prior_only,
@@ -269,8 +269,8 @@ fn stationary_camera_is_not_accepted_but_scatter_reveals_distance() {
     let cell = std::f64::consts::PI / f64::from(AngleBits::default().levels());
     let of = |seals: usize, noise: f64| {
         let all: Vec<Vec<Observation>> = (0..seals).map(|k| scene.sealed(0, noise, 100 + k as u64)).collect();
-        let options = RestingOptions::of_one_image(cell).with_noise(noise);
-        let found = resting_camera(&all[0], &shown(&all[1..]), (640, 480), &options).expect("they fit");
+        let options = StaticCameraOptions::of_one_image(cell).with_noise(noise);
+        let found = static_camera(&all[0], &shown(&all[1..]), (640, 480), &options).expect("they fit");
         let errors = scene.errors(&found);
         // The posterior's own estimate of its error is correct.
         let expected: f64 = found.iter().map(|s| s.sigma_px.powi(2)).sum::<f64>();
@@ -302,17 +302,17 @@ fn seals_with_intersecting_lines_reveal_keypoints() {
     let scene = Scene::new(2, 0.0, 0.0, 51);
     let mut rng = ChaCha8Rng::seed_from_u64(52);
     let seals = [0, 1].map(|_| lift::random_lines(&scene.pixels[0], &mut rng));
-    let options = RestingOptions::of_one_image(0.0);
-    let found = resting_camera(&seals[0], &shown(&seals[1..]), (640, 480), &options).expect("they fit");
+    let options = StaticCameraOptions::of_one_image(0.0);
+    let found = static_camera(&seals[0], &shown(&seals[1..]), (640, 480), &options).expect("they fit");
     assert!(ErrorSummary::of(&scene.errors(&found)).median_px < 0.1);
-    let refused = resting_camera(&seals[0], &shown(&[seals[1][1..].to_vec()]), (640, 480), &options);
+    let refused = static_camera(&seals[0], &shown(&[seals[1][1..].to_vec()]), (640, 480), &options);
     assert_eq!(refused, Err(AttackError::Rows { rows: 199, expected: 200 }));
-    let alone = resting_camera(&seals[0], &[], (640, 480), &options);
+    let alone = static_camera(&seals[0], &[], (640, 480), &options);
     assert_eq!(alone, Err(AttackError::TooFewFrames { frames: 1 }));
     // A keypoint without a match in another frame has no answer and does not affect the others.
     let mut partly = shown(&seals[1..]);
     partly[0][3] = None;
-    let some = resting_camera(&seals[0], &partly, (640, 480), &options).expect("they fit");
+    let some = static_camera(&seals[0], &partly, (640, 480), &options).expect("they fit");
     assert_eq!((some[3].pixel, some[4]), (None, found[4]));
 }
 

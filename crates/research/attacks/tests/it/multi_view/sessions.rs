@@ -6,7 +6,9 @@
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use veiloc_attacks::multi_view::{Frame, FramesOptions, RestingOptions, multi_view_attack, resting_camera};
+use veiloc_attacks::multi_view::{
+    Frame, FramesOptions, StaticCameraOptions, multi_view_attack, static_camera,
+};
 use veiloc_attacks::{DecodedDescriptors, Observation, bits_over_prior, prior_only};
 use veiloc_descriptor::{DescriptorKind, Vocabulary};
 use veiloc_features::{Features, Keypoint};
@@ -165,9 +167,9 @@ fn bits_from_scatter(frames: &[&Sealed], noise_px: f64, dither_px: f64, cell: f6
         (0..frames[0].lines.len()).map(of).collect()
     };
     let others: Vec<Vec<Option<Observation>>> = frames[1..].iter().map(rows).collect();
-    let mut options = RestingOptions::of_one_image(cell).with_noise(noise_px);
+    let mut options = StaticCameraOptions::of_one_image(cell).with_noise(noise_px);
     options.dither_px = dither_px;
-    let found = resting_camera(&frames[0].lines, &others, (640, 480), &options).expect("they fit");
+    let found = static_camera(&frames[0].lines, &others, (640, 480), &options).expect("they fit");
     let found: Vec<Option<Pixel>> = found.iter().map(|s| s.pixel).collect();
     bits(frames[0], &found, |_| true)
 }

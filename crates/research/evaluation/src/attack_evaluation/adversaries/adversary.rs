@@ -13,11 +13,11 @@ use super::super::names::{UnknownName, find};
 #[serde(rename_all = "kebab-case")]
 pub enum Adversary {
     /// Holds the query alone, and neighbours predicted by a statistic of descriptors learned on other scenes.
-    OutsiderStatistic,
+    QueryOnlyStatistic,
     /// The same with a trained network in place of the statistic.
-    OutsiderNeighbours,
+    QueryOnlyNeighbours,
     /// Holds the query alone, and a network trained on other scenes that predicts positions from all its rows.
-    OutsiderNetwork,
+    QueryOnlyNetwork,
     /// Holds images of the scene with keypoints.
     MapServer,
     /// A server that has found the pose and predicts neighbours; errors are on keypoints without a map point.
@@ -41,9 +41,9 @@ pub enum Adversary {
 impl Adversary {
     /// All adversaries, in the order of tables.
     pub const ALL: [Self; 10] = [
-        Self::OutsiderStatistic,
-        Self::OutsiderNeighbours,
-        Self::OutsiderNetwork,
+        Self::QueryOnlyStatistic,
+        Self::QueryOnlyNeighbours,
+        Self::QueryOnlyNetwork,
         Self::MapServer,
         Self::PoseServer,
         Self::PoseServerPrivate,
@@ -61,9 +61,9 @@ impl Adversary {
     /// Name in documents.
     pub const fn name(self) -> &'static str {
         match self {
-            Self::OutsiderStatistic => "outsider-statistic",
-            Self::OutsiderNeighbours => "outsider-neighbours",
-            Self::OutsiderNetwork => "outsider-network",
+            Self::QueryOnlyStatistic => "query-only-statistic",
+            Self::QueryOnlyNeighbours => "query-only-neighbours",
+            Self::QueryOnlyNetwork => "query-only-network",
             Self::MapServer => "map-server",
             Self::PoseServer => "pose-server",
             Self::PoseServerPrivate => "pose-server-private",
@@ -77,9 +77,9 @@ impl Adversary {
     /// Its knowledge beside the query, in words.
     pub const fn knows(self) -> &'static str {
         match self {
-            Self::OutsiderStatistic => "a statistic of descriptors, learned on other scenes",
-            Self::OutsiderNeighbours => "a network that predicts neighbours, trained on other scenes",
-            Self::OutsiderNetwork => "a network that predicts positions, trained on other scenes",
+            Self::QueryOnlyStatistic => "a statistic of descriptors, learned on other scenes",
+            Self::QueryOnlyNeighbours => "a network that predicts neighbours, trained on other scenes",
+            Self::QueryOnlyNetwork => "a network that predicts positions, trained on other scenes",
             Self::MapServer => "images of the map, with keypoints",
             Self::PoseServer => "the map and the query's pose",
             Self::PoseServerPrivate => {
@@ -110,14 +110,16 @@ impl Adversary {
         match self {
             // The layout of the graph needs 60 % true neighbours, but descriptors give 5 to 11 % (`docs/results/privacy.md`):
             // it is never the best attack and takes longest; see `slow_attacks`.
-            Self::OutsiderStatistic | Self::OutsiderNeighbours => &["learned-prior", "closed-form-consensus"],
-            Self::OutsiderNetwork => &["trained-positions"],
+            Self::QueryOnlyStatistic | Self::QueryOnlyNeighbours => {
+                &["learned-prior", "closed-form-consensus"]
+            }
+            Self::QueryOnlyNetwork => &["trained-positions"],
             Self::MapServer => &["transfer"],
             Self::PoseServer => &["server-side-points", "iterative"],
-            Self::PoseServerPrivate => &["hole", "server-side-points", "iterative"],
+            Self::PoseServerPrivate => &["occlusion", "server-side-points", "iterative"],
             Self::PoseServerImages => &["guided-transfer"],
             Self::SeveralFrames => &["several-frames"],
-            Self::SeveralSeals => &["resting-camera"],
+            Self::SeveralSeals => &["static-camera"],
             Self::TrueNeighbours => &["closed-form-consensus", "graph"],
         }
     }
@@ -125,7 +127,7 @@ impl Adversary {
     /// Additional attacks if time does not matter: seconds per image each.
     pub const fn slow_attacks(self) -> &'static [&'static str] {
         match self {
-            Self::OutsiderStatistic | Self::OutsiderNeighbours => {
+            Self::QueryOnlyStatistic | Self::QueryOnlyNeighbours => {
                 &["closed-form", "graph", "graph-near-angles"]
             }
             Self::MapServer => &["transfer-graph"],

@@ -59,7 +59,7 @@ pub struct AdversaryRow {
     pub under_30px: f64,
     /// Gain over the prior-only baseline, bits per keypoint; negative if the attack is worse.
     pub bits_over_prior: f64,
-    /// How well the attack `hole` tells the private keypoints from others that the map does not explain, as the area under
+    /// How well the attack `occlusion` tells the private keypoints from others that the map does not explain, as the area under
     /// the ROC curve; absent for other adversaries.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hiding_auc: Option<f64>,

@@ -69,25 +69,25 @@ fn attack_of(
         problems: vec![scene.problems.clone()],
         map_problems: vec![scene.map_problems.clone()],
         private: (adversary == Adversary::PoseServerPrivate).then_some(PrivateRegion::Share(PRIVATE_SHARE)),
-        turned: 0.0,
+        rotated: 0.0,
         measured: MeasuredKeypoints::Hidden,
     });
     let map = || scene.map_or(&[][..], |scene| &scene.map).to_vec();
     let mut others: Vec<KeypointImage> = Vec::new();
     match adversary {
-        Adversary::OutsiderStatistic => {
+        Adversary::QueryOnlyStatistic => {
             if evaluation.train.is_empty() {
                 return Ok(None);
             }
             attack.neighbours = NeighbourSource::Predicted { train: evaluation.train.clone() };
             others = other_scenes(evaluation, keypoints)?;
         }
-        Adversary::OutsiderNeighbours => {
+        Adversary::QueryOnlyNeighbours => {
             let Some(model) = evaluation.network.clone() else { return Ok(None) };
             attack.neighbours = NeighbourSource::Network { model };
             others = other_scenes(evaluation, keypoints)?;
         }
-        Adversary::OutsiderNetwork => {
+        Adversary::QueryOnlyNetwork => {
             if evaluation.attack.positions.is_empty() {
                 return Ok(None);
             }

@@ -1,4 +1,4 @@
-//! Attacked data, adversaries, and the training data of outsiders.
+//! Attacked data, adversaries, and the training data of query-only adversaries.
 
 use std::path::PathBuf;
 
@@ -11,12 +11,12 @@ use crate::{EvalError, SceneEvaluation};
 pub struct AdversariesEvaluation {
     /// A scene whose map servers know, with the seed of its keypoints' dither; `None` for files alone.
     pub scene: Option<SceneEvaluation>,
-    /// Keypoint files of images without a map, schemes, position networks of outsiders, neighbours per keypoint and seed;
+    /// Keypoint files of images without a map, schemes, position networks of query-only adversaries, neighbours per keypoint and seed;
     /// the adversaries set what else they know.
     pub attack: AttackEvaluation,
     /// Adversaries, in the order of the table.
     pub adversaries: Vec<Adversary>,
-    /// Keypoint files of other scenes, the training data of outsiders; without them outsiders are skipped.
+    /// Keypoint files of other scenes, the training data of query-only adversaries; without them these are skipped.
     pub train: Vec<PathBuf>,
     /// A network that predicts neighbours, trained on other scenes.
     pub network: Option<PathBuf>,

@@ -100,25 +100,25 @@ mod tests {
     #[test]
     fn table_has_all_rows_and_lists_missing_adversaries() {
         let rows = vec![
-            row("kitchen", Adversary::OutsiderStatistic, "coordinate-permutation", None),
-            row("kitchen", Adversary::OutsiderStatistic, "dcl", None),
+            row("kitchen", Adversary::QueryOnlyStatistic, "coordinate-permutation", None),
+            row("kitchen", Adversary::QueryOnlyStatistic, "dcl", None),
             row("kitchen", Adversary::SeveralFrames, "dcl", Some(8)),
-            row("photos", Adversary::OutsiderStatistic, "dcl", None),
+            row("photos", Adversary::QueryOnlyStatistic, "dcl", None),
             AdversaryRow {
                 hiding_auc: Some(0.951),
                 ..row("photos", Adversary::PoseServerPrivate, "dcl", None)
             },
         ];
-        let missing = vec![Adversary::OutsiderNeighbours, Adversary::MapServer];
+        let missing = vec![Adversary::QueryOnlyNeighbours, Adversary::MapServer];
         let document =
             AdversariesDocument { version: 1, command: "eval adversaries", k: 20, seed: 0, missing, rows };
         let text = adversaries_table(&document);
         assert!(text.contains("kitchen, 3 images attacked\n") && text.contains("photos, 3 images"), "{text}");
         assert_eq!(text.matches("-0.61").count(), 5, "{text}");
         assert!(text.contains("among unexplained ones: 0.95"), "{text}");
-        assert_eq!(text.matches("outsider-statistic").count(), 3, "once a table, once below: {text}");
+        assert_eq!(text.matches("query-only-statistic").count(), 3, "once a table, once below: {text}");
         assert!(text.contains("several-frames, 8") && text.contains("4.5 %"), "{text}");
-        assert!(text.contains("their resources are missing: outsider-neighbours, map-server"), "{text}");
+        assert!(text.contains("their resources are missing: query-only-neighbours, map-server"), "{text}");
         assert!(text.lines().all(|line| line.chars().count() <= 120), "{text}");
     }
 }

@@ -42,13 +42,13 @@ mod tests {
             range(row[2..row.len() - 1].iter().map(of_cell))
         };
         assert_eq!(places[0].len() - 3, 7, "places");
-        let hole = rows("hole.csv");
-        let of_hole =
-            hole.iter().filter(|row| row[1] == "dcl:paper").map(|row| row[7].parse().expect("bits"));
+        let occlusion = rows("occlusion.csv");
+        let of_occlusion =
+            occlusion.iter().filter(|row| row[1] == "dcl:paper").map(|row| row[7].parse().expect("bits"));
         for (range, after) in [
             (bits("the query and a statistic of other places"), "only the query"),
             (bits("images from nearby viewpoints"), "nearby viewpoints"),
-            (range(of_hole), "hides its map"),
+            (range(of_occlusion), "hides its map"),
         ] {
             let claim = PROTECTION.split(after).nth(1).expect(after);
             let first = claim.find('(').map(|at| &claim[at..]).expect("a range");

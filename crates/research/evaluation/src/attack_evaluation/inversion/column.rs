@@ -29,7 +29,7 @@ pub(super) enum Input {
     /// The sent observations, by image.
     Lines(Vec<RecoveredImage>),
     Unordered,
-    Nothing,
+    None,
 }
 
 impl Column {
@@ -62,7 +62,7 @@ impl Column {
             Input::Positions(answers) => PositionKnowledge::Positions(&answers[at].positions),
             Input::Lines(answers) => PositionKnowledge::Lines(&answers[at].sent),
             Input::Unordered => PositionKnowledge::None,
-            Input::Nothing => {
+            Input::None => {
                 let none = DecodedDescriptors::new(&[], descriptors.dimension())?;
                 return Ok(network.invert(&none, size, PositionKnowledge::Positions(&[]), times)?);
             }

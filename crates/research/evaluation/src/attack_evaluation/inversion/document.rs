@@ -101,7 +101,7 @@ impl ClassesRow {
 pub struct ReconstructionRow {
     /// Name of the image.
     pub image: String,
-    /// The scheme under which it was sent; `bag` for descriptors alone, `nothing` for no descriptors.
+    /// The scheme under which it was sent; `unordered` for descriptors alone, `none` for no descriptors.
     pub scheme: String,
     /// `none` if nothing has to be recovered, `prior` for the prior-only baseline, `closed-form` and `graph` with
     /// true neighbours, `realistic`, or `lines` if each descriptor is spread over its line.

@@ -125,8 +125,8 @@ pub(super) fn columns(
         }
         push("lines", None, with_oracle.recovered(&name, Attack::PRIOR.name), Input::Lines);
     }
-    columns.push(Column::new("bag", "none", None, Input::Unordered));
-    columns.push(Column::new("nothing", "none", None, Input::Nothing));
+    columns.push(Column::new("unordered", "none", None, Input::Unordered));
+    columns.push(Column::new("none", "none", None, Input::None));
     Ok(columns)
 }
 

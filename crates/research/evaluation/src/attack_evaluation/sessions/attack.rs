@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 use veiloc_attacks::multi_view::{
-    Frame, FramesOptions, RestingOptions, TriangulatedKeypoint, multi_view_attack_matched, resting_camera,
-    select_frames_matched,
+    Frame, FramesOptions, StaticCameraOptions, TriangulatedKeypoint, multi_view_attack_matched,
+    select_frames_matched, static_camera,
 };
 use veiloc_attacks::{AttackError, Observation, errors_px, prior_median, prior_only};
 use veiloc_descriptor::{MatchOptions, match_descriptors};
@@ -42,7 +42,7 @@ pub enum Method {
     /// Lines of several poses, integrated over depth.
     SeveralFrames,
     /// The scatter of the angles at one pose.
-    RestingCamera,
+    StaticCamera,
 }
 
 impl Method {
@@ -50,7 +50,7 @@ impl Method {
     pub(super) const fn of(motion: Motion) -> &'static [Self] {
         match motion {
             Motion::Turning | Motion::Walking | Motion::Visiting => &[Self::SeveralFrames],
-            Motion::Resting => &[Self::SeveralFrames, Self::RestingCamera],
+            Motion::Static => &[Self::SeveralFrames, Self::StaticCamera],
         }
     }
 }
@@ -73,8 +73,8 @@ impl Sessions<'_> {
         let (frames, own, others): (&[LocalizedFrame], usize, Vec<usize>) = match motion {
             Motion::Turning | Motion::Walking => (&self.frames, own, recording.others(own, motion)),
             Motion::Visiting => (&self.visits, own, recording.others(own, motion)),
-            Motion::Resting => {
-                let shown = &recording.resting[index];
+            Motion::Static => {
+                let shown = &recording.static_frames[index];
                 let sealed = recording.seal(shown, &self.condition).frames;
                 still = recording.localize(&sealed, shown, self.condition.scheme);
                 (&still, 0, (1..still.len()).collect())
@@ -108,7 +108,7 @@ impl Sessions<'_> {
                 let found = match row.method {
                     _ if chosen.is_empty() => None,
                     Method::SeveralFrames => Some(target.by_planes(chosen)?),
-                    Method::RestingCamera => Some(target.by_scatter(chosen, &codes)?),
+                    Method::StaticCamera => Some(target.by_scatter(chosen, &codes)?),
                 };
                 target.add_errors(found.as_deref(), row);
             }
@@ -186,7 +186,7 @@ impl<'a> Target<'a> {
         motion: Motion,
         count: usize,
     ) -> Result<Vec<&'o Other<'o>>, AttackError> {
-        if matches!(motion, Motion::Walking | Motion::Resting) {
+        if matches!(motion, Motion::Walking | Motion::Static) {
             return Ok(others.iter().collect());
         }
         let frames: Vec<Frame<'_>> = others.iter().map(|o| o.posed.frame()).collect();
@@ -217,11 +217,11 @@ impl<'a> Target<'a> {
     fn by_scatter(
         &self,
         chosen: &[&Other<'_>],
-        codes: &RestingOptions,
+        codes: &StaticCameraOptions,
     ) -> Result<Vec<TriangulatedKeypoint>, AttackError> {
         let of = |o: &&Other<'_>| o.matches.iter().map(|m| m.map(|j| o.posed.lines[j])).collect();
         let others: Vec<Vec<Option<Observation>>> = chosen.iter().map(of).collect();
-        resting_camera(&self.observations, &others, self.size(), codes)
+        static_camera(&self.observations, &others, self.size(), codes)
     }
 }
 
@@ -239,11 +239,11 @@ impl TrustedFrame {
 
 /// The attacker's model of the angle codes of a stationary camera: codes of anchors in the world are cells of the
 /// session's grid, other codes are dithered.
-fn codes(anchors: SessionAnchors, step: f64) -> RestingOptions {
+fn codes(anchors: SessionAnchors, step: f64) -> StaticCameraOptions {
     let options = if anchors != SessionAnchors::Image && step > 0.0 {
-        RestingOptions::of_one_image(step).without_dither()
+        StaticCameraOptions::of_one_image(step).without_dither()
     } else {
-        RestingOptions::of_one_image(std::f64::consts::PI / f64::from(AngleBits::default().levels()))
+        StaticCameraOptions::of_one_image(std::f64::consts::PI / f64::from(AngleBits::default().levels()))
     };
     options.with_noise(DETECTOR_PX)
 }

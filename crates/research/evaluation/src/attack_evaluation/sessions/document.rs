@@ -194,7 +194,7 @@ impl Method {
     pub(super) const fn word(self) -> &'static str {
         match self {
             Self::SeveralFrames => "planes",
-            Self::RestingCamera => "scatter",
+            Self::StaticCamera => "scatter",
         }
     }
 }

@@ -7,7 +7,7 @@
 //! - **turning**: with the most informative frames of the whole trajectory
 //!   ([`veiloc_attacks::multi_view::select_frames`]);
 //! - **walking**: with the frames before it;
-//! - **resting**: with frames of the same image with new sensor noise, in a session of their own;
+//! - **static**: with frames of the same image with new sensor noise, in a session of their own;
 //! - **visiting**: as turning, but every frame has a session of its own, like frames of several users.
 //!
 //! Poses are estimated by the server, matches are by descriptors, and the attack reads sealed bytes only; the ground

@@ -15,7 +15,7 @@ pub enum Motion {
     /// Consecutive frames.
     Walking,
     /// Frames of a stationary camera.
-    Resting,
+    Static,
     /// As turning, but each frame has a session of its own: other users, other days.
     Visiting,
 }
@@ -24,7 +24,7 @@ impl Motion {
     const WORDS: [(Self, &str); 4] = [
         (Self::Turning, "turning"),
         (Self::Walking, "walking"),
-        (Self::Resting, "resting"),
+        (Self::Static, "static"),
         (Self::Visiting, "visiting"),
     ];
 }

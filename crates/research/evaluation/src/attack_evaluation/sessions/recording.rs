@@ -42,7 +42,7 @@ pub(super) struct Recording<'a> {
     /// Indices of the attacked queries.
     pub(super) attacked: Vec<usize>,
     /// For each attacked query the frames of a stationary camera; empty if no attack combines them.
-    pub(super) resting: Vec<Vec<DeviceFrame>>,
+    pub(super) static_frames: Vec<Vec<DeviceFrame>>,
 }
 
 impl<'a> Recording<'a> {
@@ -57,18 +57,18 @@ impl<'a> Recording<'a> {
         let gravity = SimulatedGravity::of(&scene.posed, &scene.map_list, SESSION_SENSOR)?;
         let input = scene.map_input(&scene.map_list);
         let map = SceneMap::build(&input, &scene.build, true, scene.keep_map.as_deref(), None, progress)?;
-        let (trajectory, resting) = (Vec::new(), Vec::new());
-        let mut recording = Self { evaluation, map, gravity, queries, trajectory, attacked, resting };
+        let (trajectory, static_frames) = (Vec::new(), Vec::new());
+        let mut recording = Self { evaluation, map, gravity, queries, trajectory, attacked, static_frames };
         progress.start("Extracting queries", recording.queries.len());
         for query in 0..recording.queries.len() {
             recording.trajectory.push(recording.own_frame(query)?);
             progress.advance(1);
         }
         progress.finish();
-        if evaluation.motions.contains(&Motion::Resting) {
+        if evaluation.motions.contains(&Motion::Static) {
             progress.start("Extracting frames of a stationary camera", recording.attacked.len());
             for &query in &recording.attacked {
-                recording.resting.push(recording.stationary_frames(query)?);
+                recording.static_frames.push(recording.stationary_frames(query)?);
                 progress.advance(1);
             }
             progress.finish();
@@ -119,7 +119,7 @@ impl<'a> Recording<'a> {
                 // The nearest first.
                 before.unwrap_or_default().into_iter().rev().collect()
             }
-            Motion::Turning | Motion::Visiting | Motion::Resting => (0..self.queries.len()).collect(),
+            Motion::Turning | Motion::Visiting | Motion::Static => (0..self.queries.len()).collect(),
         };
         frames.retain(|frame| *frame != own);
         frames
@@ -142,7 +142,7 @@ fn attacked(evaluation: &SessionsEvaluation, poses: &[CameraFromWorld]) -> Resul
     let longest = evaluation.longest();
     let has_enough = |i: &usize| {
         evaluation.motions.iter().all(|motion| match motion {
-            Motion::Resting => true,
+            Motion::Static => true,
             Motion::Turning | Motion::Visiting => poses.len() >= longest,
             Motion::Walking => sequence_of(poses, *i, longest, evaluation.max_distance).is_some(),
         })
@@ -151,7 +151,7 @@ fn attacked(evaluation: &SessionsEvaluation, poses: &[CameraFromWorld]) -> Resul
     if able.is_empty() {
         return Err(EvalError::DataSet(format!(
             "no query has {longest} frames: the list has {} images, and those within {} map units of the next are a trajectory; \
-             use fewer frames, a longer --max-distance, or only --motion resting",
+             use fewer frames, a longer --max-distance, or only --motion static",
             poses.len(),
             evaluation.max_distance
         )));

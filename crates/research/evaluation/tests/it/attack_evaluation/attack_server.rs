@@ -107,7 +107,7 @@ fn evaluation(keypoints: &Path, problems: &Path, attacks: &[Attack]) -> AttackEv
             problems: vec![problems.to_owned()],
             map_problems: Vec::new(),
             private: None,
-            turned: 0.0,
+            rotated: 0.0,
             measured: MeasuredKeypoints::Hidden,
         }),
         frames: vec![3],
@@ -191,25 +191,25 @@ fn matched_keypoints_are_attacked_from_lines_alone() {
 #[test]
 fn scatter_of_seals_reveals_positions() {
     let (_folder, [keypoints, problems]) = files(2, Matches::Right);
-    let mut options = evaluation(&keypoints, &problems, &[named("resting-camera")]);
+    let mut options = evaluation(&keypoints, &problems, &[named("static-camera")]);
     options.server = None;
     options.frames = vec![2, 8, 32];
     let bits = |options: &AttackEvaluation| {
         let document = run(options).expect("attacked");
         assert_eq!(document.frame_selection, None);
-        [2, 8, 32].map(|n| row(&document, named("resting-camera"), Some(n)).bits_over_prior)
+        [2, 8, 32].map(|n| row(&document, named("static-camera"), Some(n)).bits_over_prior)
     };
     let [two, eight, many] = bits(&options);
     assert!(two > 0.1 && eight > two + 0.4 && many > eight + 0.5, "{two} {eight} {many}");
     // New frames: the detector's noise adds to the dither, and its width does not depend on the distance.
-    options.resting_noise_px = 0.4;
+    options.static_noise_px = 0.4;
     let [_, frames, _] = bits(&options);
     assert!(frames > 0.3 && frames < eight, "{frames} {eight}");
     // Random lines intersect.
     options.schemes = vec![Scheme::RandomLines];
-    options.resting_noise_px = 0.0;
+    options.static_noise_px = 0.0;
     let document = run(&options).expect("attacked");
-    let crossed = row(&document, named("resting-camera"), Some(2));
+    let crossed = row(&document, named("static-camera"), Some(2));
     assert!(crossed.median_px < 3.0, "{crossed:?}");
 }
 
@@ -237,7 +237,7 @@ fn private_region_has_no_matches() {
 #[test]
 fn masked_region_has_no_matches() {
     let (folder, [keypoints, problems]) = files(2, Matches::Right);
-    let mut options = evaluation(&keypoints, &problems, &[named("hole")]);
+    let mut options = evaluation(&keypoints, &problems, &[named("occlusion")]);
     options.images = None;
     let whole = run(&options).expect("attacked");
     let masks = folder.path().join("masks");
@@ -262,21 +262,21 @@ fn masked_region_has_no_matches() {
     assert!(refused.to_string().contains("641"), "{refused}");
 }
 
-/// Turned descriptors match nothing, and errors are not measured on them.
+/// Rotated descriptors match nothing, and errors are not measured on them.
 #[test]
-fn turned_regions_have_no_matches() {
+fn rotated_regions_have_no_matches() {
     let (_folder, [keypoints, problems]) = files(2, Matches::Right);
-    let mut options = evaluation(&keypoints, &problems, &[named("hole")]);
+    let mut options = evaluation(&keypoints, &problems, &[named("occlusion")]);
     options.images = None;
     let server = options.server.as_mut().expect("set");
     server.private = Some(PrivateRegion::Share(0.1));
     let whole = run(&options).expect("attacked");
-    options.server.as_mut().expect("set").turned = 0.4;
-    let turned = run(&options).expect("attacked");
-    let ratio = turned.server[0].known / whole.server[0].known;
+    options.server.as_mut().expect("set").rotated = 0.4;
+    let rotated = run(&options).expect("attacked");
+    let ratio = rotated.server[0].known / whole.server[0].known;
     assert!((0.4..0.8).contains(&ratio), "{ratio}");
-    assert!(turned.server[0].measured < 0.1 - 1e-9, "{:?}", turned.server);
-    let auc = row(&turned, named("hole"), None).hiding_auc;
+    assert!(rotated.server[0].measured < 0.1 - 1e-9, "{:?}", rotated.server);
+    let auc = row(&rotated, named("occlusion"), None).hiding_auc;
     assert!(auc.is_some_and(|auc| (0.0..=1.0).contains(&auc)), "{auc:?}");
 }
 
@@ -313,7 +313,7 @@ fn contradictory_options_are_refused() {
     check(named("iterative"), "give its matches", |e| e.server = None);
     check(named("iterative"), "one neighbour", |e| e.k = 0);
     check(named("several-frames"), "at least two", |e| e.frames = vec![1]);
-    check(named("resting-camera"), "at least two", |e| e.frames = vec![1]);
+    check(named("static-camera"), "at least two", |e| e.frames = vec![1]);
     check(named("several-frames"), "has 2 images", |e| e.frames = vec![3]);
     check(named("guided-transfer"), "nothing can be transferred", |e| {
         e.server.as_mut().expect("set").private = Some(PrivateRegion::Share(0.1));

@@ -88,8 +88,8 @@ fn document_has_rows_for_schemes_and_attacks() {
         &format!("{dcl} graph"),
         &format!("{dcl} realistic"),
         &format!("{dcl} lines"),
-        "bag none",
-        "nothing none",
+        "unordered none",
+        "none none",
     ];
     assert_eq!(names, expected);
     assert_eq!(document.rows.len(), 2 * expected.len());
@@ -99,7 +99,7 @@ fn document_has_rows_for_schemes_and_attacks() {
     let graph = row("random-lines graph").mean_px.expect("places");
     assert!(graph > 0.0 && graph < row("random-lines prior").mean_px.expect("places"), "{graph}");
     assert_eq!(row("random-lines realistic").best_attack.as_deref(), Some("transfer"));
-    for name in ["random-lines lines", "bag none", "nothing none"] {
+    for name in ["random-lines lines", "unordered none", "none none"] {
         assert_eq!((row(name).mean_px, row(name).median_px), (None, None));
     }
     for row in &document.rows {
@@ -144,7 +144,7 @@ fn visibility_output_is_evaluated_by_roc_auc() {
     for row in &document.summary {
         // True keypoints are all correct, graph may recover all, and without positions there is no visibility.
         match (row.scheme.as_str(), row.attack) {
-            ("points" | "nothing" | "bag", _) | (_, "lines") => assert_eq!(row.roc_auc, None, "{row:?}"),
+            ("points" | "none" | "unordered", _) | (_, "lines") => assert_eq!(row.roc_auc, None, "{row:?}"),
             (_, "prior" | "closed-form") => assert!(row.roc_auc.is_some(), "{row:?}"),
             _ => {}
         }

@@ -2,6 +2,6 @@
 
 mod attack_server;
 mod inversion;
-mod outsiders;
+mod query_only;
 mod real_sessions;
 mod shown_in_browsers;

@@ -33,7 +33,7 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
     SessionsEvaluation {
         scene,
         anchors: ANCHORS.to_vec(),
-        motions: vec![Motion::Turning, Motion::Resting],
+        motions: vec![Motion::Turning, Motion::Static],
         frames: vec![4],
         gyro_deg: vec![0.0],
         drift_deg: vec![0.0],
@@ -61,16 +61,16 @@ fn world_anchors_protect_a_session(data: &Path) {
         assert!(!all.is_empty(), "{anchors} {motion} {target:?}");
         all.into_iter().fold(f64::NEG_INFINITY, f64::max)
     };
-    for motion in [Motion::Turning, Motion::Resting] {
+    for motion in [Motion::Turning, Motion::Static] {
         let [image, world] = ANCHORS.map(|anchors| bits(anchors, motion, AttackedKeypoints::Matched));
         assert!(image > 0.5, "{motion}: the attack works: {image}");
         // A translating camera reveals the distance of a keypoint from the anchor's axis; a stationary one reveals
         // nothing.
-        let most = if motion == Motion::Resting { 0.15 } else { 0.4 };
+        let most = if motion == Motion::Static { 0.15 } else { 0.4 };
         assert!(world < most && world < 0.5 * image, "{motion}: {image} {world}");
         // Beside map points with known depth the distance carries more information: half of that without a session.
         let [image, world] = ANCHORS.map(|anchors| bits(anchors, motion, AttackedKeypoints::Private));
-        let most = if motion == Motion::Resting { 0.15 } else { 0.6 * image };
+        let most = if motion == Motion::Static { 0.15 } else { 0.6 * image };
         assert!(world < most, "{motion}: {image} {world}");
     }
     for frames in &document.frames {

@@ -1,4 +1,4 @@
-//! The hole in the map: a server that has the pose knows where points of its map should have been seen and were not.
+//! The occlusion in the map: a server that has the pose knows where points of its map should have been seen and were not.
 //! Something stands there, and rows that no map point explains lie there.
 //!
 //! Two densities are compared: points that nearby map images saw, projected into the query, and those of them that an
@@ -22,12 +22,12 @@ pub struct MapVisibility {
     pub confirmed: Vec<Pixel>,
 }
 
-/// Answers of [`hole`], `[N]`.
+/// Answers of [`occlusion`], `[N]`.
 #[derive(Debug, Clone, PartialEq)]
-pub struct HoleEstimate {
-    /// The recovered keypoints, as if all of them were in the hole.
+pub struct OcclusionEstimate {
+    /// The recovered keypoints, as if all of them were in the occlusion.
     pub pixels: Vec<Pixel>,
-    /// Probability that a row lies in the hole, 0 to 1; 0 for known positions.
+    /// Probability that a row lies in the occlusion, 0 to 1; 0 for known positions.
     pub inside: Vec<f64>,
 }
 
@@ -39,7 +39,7 @@ const HALF_HEIGHTS: [f64; 5] = [0.08, 0.12, 0.18, 0.26, 0.36];
 const UPRIGHT: f64 = 2.5;
 /// Share of wrong inliers.
 const WRONG: f64 = 0.05;
-/// The confirmed rate outside of the hole is larger than that of the whole image.
+/// The confirmed rate outside of the occlusion is larger than that of the whole image.
 const RATE_OUTSIDE: f64 = 1.15;
 /// Exponents of both likelihoods.
 const TEMPER_POINTS: f64 = 0.3;
@@ -48,12 +48,12 @@ const TEMPER_ROWS: f64 = 0.03;
 const REGIONS: usize = 200;
 /// Positions at which a line is evaluated.
 const SAMPLES: usize = 128;
-/// Share of the unexplained rows in the hole: start of its estimation, and steps.
+/// Share of the unexplained rows in the occlusion: start of its estimation, and steps.
 const SHARE: f64 = 0.25;
 const SHARE_STEPS: usize = 6;
 /// Weight of positions outside all regions.
 const WEIGHT_OUTSIDE: f64 = 1e-3;
-/// Density of unexplained rows outside of the hole: as expected points, smoothed over this many cells, or uniform.
+/// Density of unexplained rows outside of the occlusion: as expected points, smoothed over this many cells, or uniform.
 const SMOOTHING: f64 = 1.5;
 const UNIFORM: f64 = 0.3;
 
@@ -61,8 +61,13 @@ const UNIFORM: f64 = 0.3;
 /// map.
 ///
 /// Without expected points the answers are those of [`prior_only`].
-pub fn hole(observations: &[Observation], map: &MapVisibility, width: u32, height: u32) -> HoleEstimate {
-    let mut answers = HoleEstimate {
+pub fn occlusion(
+    observations: &[Observation],
+    map: &MapVisibility,
+    width: u32,
+    height: u32,
+) -> OcclusionEstimate {
+    let mut answers = OcclusionEstimate {
         pixels: prior_only(observations, width, height),
         inside: vec![0.0; observations.len()],
     };
@@ -119,7 +124,7 @@ pub fn hole(observations: &[Observation], map: &MapVisibility, width: u32, heigh
     answers
 }
 
-/// Probability that a row is in the hole, for the densities of its line inside and outside.
+/// Probability that a row is in the occlusion, for the densities of its line inside and outside.
 fn probability(share: f64, inside: f64, outside: f64) -> f64 {
     let inside = share * inside;
     inside / (inside + (1.0 - share) * outside).max(f64::MIN_POSITIVE)
@@ -163,7 +168,7 @@ impl Grid {
         counts
     }
 
-    /// Probability of each cell for a row outside of the hole.
+    /// Probability of each cell for a row outside of the occlusion.
     fn background(&self, expected: &[f64]) -> Vec<f64> {
         let reach = (3.0 * SMOOTHING).ceil() as isize;
         let smooth = |from: &[f64], step: isize, count: usize, index: &dyn Fn(usize) -> usize| -> Vec<f64> {
@@ -299,7 +304,7 @@ mod tests {
     #[test]
     fn person_in_front_of_the_map_is_found() {
         let (observations, truth, map) = scene(&mut ChaCha8Rng::seed_from_u64(1));
-        let found = hole(&observations, &map, SIZE.0, SIZE.1);
+        let found = occlusion(&observations, &map, SIZE.0, SIZE.1);
         let person = |pixels: &[Pixel]| errors_px(pixels[..120].iter().copied(), &truth[..120]);
         let prior = person(&prior_only(&observations, SIZE.0, SIZE.1));
         let bits = bits_over_prior(&person(&found.pixels), &prior, SIZE.0, SIZE.1);
@@ -316,9 +321,9 @@ mod tests {
     #[test]
     fn without_a_map_the_answer_is_the_prior() {
         let (observations, _, _) = scene(&mut ChaCha8Rng::seed_from_u64(2));
-        let found = hole(&observations, &MapVisibility::default(), SIZE.0, SIZE.1);
+        let found = occlusion(&observations, &MapVisibility::default(), SIZE.0, SIZE.1);
         assert_eq!(found.pixels, prior_only(&observations, SIZE.0, SIZE.1));
-        let none = hole(&[], &MapVisibility::default(), SIZE.0, SIZE.1);
+        let none = occlusion(&[], &MapVisibility::default(), SIZE.0, SIZE.1);
         assert!(none.pixels.is_empty() && none.inside.is_empty());
     }
 }

@@ -29,7 +29,7 @@ use crate::multi_view::ray_plane::RelativeFrame;
 /// Model of the angle codes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
-pub struct RestingOptions {
+pub struct StaticCameraOptions {
     /// Width of an angle cell, radians; 0 for angles without rounding.
     pub cell: f64,
     /// Half the side of the dither's square, pixels.
@@ -40,7 +40,7 @@ pub struct RestingOptions {
     pub wrong: f64,
 }
 
-impl RestingOptions {
+impl StaticCameraOptions {
     /// Seals of one image with this angle cell, radians: a device's dither, and almost certain row associations.
     pub const fn of_one_image(cell: f64) -> Self {
         Self { cell, dither_px: 0.5, noise_px: 0.0, wrong: 0.01 }
@@ -69,11 +69,11 @@ const ANGLES: usize = 96;
 ///
 /// # Errors
 /// [`AttackError::TooFewFrames`] without other frames, [`AttackError::Rows`] when the numbers of rows differ.
-pub fn resting_camera(
+pub fn static_camera(
     own: &[Observation],
     others: &[Vec<Option<Observation>>],
     (width, height): (u32, u32),
-    options: &RestingOptions,
+    options: &StaticCameraOptions,
 ) -> Result<Vec<TriangulatedKeypoint>, AttackError> {
     if others.is_empty() {
         return Err(AttackError::TooFewFrames { frames: 1 });
@@ -123,7 +123,7 @@ struct DisplacementDistribution {
 }
 
 impl DisplacementDistribution {
-    fn new(direction: Vector2<f64>, options: &RestingOptions) -> Self {
+    fn new(direction: Vector2<f64>, options: &StaticCameraOptions) -> Self {
         let mut halves = [direction.x.abs(), direction.y.abs()].map(|c| c * options.dither_px);
         halves.sort_unstable_by(f64::total_cmp);
         let mut across = Self { halves, sigma: options.noise_px, table: Vec::new(), reach: 0.0 };
@@ -190,7 +190,7 @@ fn by_scatter(
     angles: &[f64],
     width: u32,
     height: u32,
-    options: &RestingOptions,
+    options: &StaticCameraOptions,
 ) -> TriangulatedKeypoint {
     let segment = KnownSegment::hull(&Observation::Pencil(*row), width, height);
     let Some(segment) = segment.filter(|s| !s.is_empty() && row.origin().is_some()) else {
@@ -264,7 +264,7 @@ fn by_intersection(
     rows: &[Observation],
     width: u32,
     height: u32,
-    options: &RestingOptions,
+    options: &StaticCameraOptions,
 ) -> TriangulatedKeypoint {
     if let Observation::Known(pixel) = rows[0] {
         return TriangulatedKeypoint::known(pixel);
@@ -303,7 +303,7 @@ mod tests {
     fn displacement_distribution_matches_samples() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         for (angle, noise_px) in [(0.0, 0.0), (0.3, 0.0), (0.785_f64, 0.0), (1.2, 0.4)] {
-            let options = RestingOptions::of_one_image(1e-3).with_noise(noise_px);
+            let options = StaticCameraOptions::of_one_image(1e-3).with_noise(noise_px);
             let direction = Vector2::new(angle.cos(), angle.sin());
             let across = DisplacementDistribution::new(direction, &options);
             let mut drawn: Vec<f64> = (0..20_000)
