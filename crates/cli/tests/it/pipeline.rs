@@ -64,7 +64,7 @@ fn localize_all(scene: &TestScene, map: &str, scheme: &str, folder: &str, bound:
             "{run}"
         );
         assert_eq!(query["file"], format!("{folder}/query-{i}.vquery"));
-        assert_eq!(keys(&query["ms"]), ["match", "pose", "retrieve"]);
+        assert_eq!(keys(&query["ms"]), ["match", "pose", "queue", "retrieve"]);
         let covariance = query["covariance"].as_array().expect("rows");
         for (axis, row) in covariance.iter().enumerate() {
             assert_eq!(row.as_array().map(Vec::len), Some(6));

@@ -210,8 +210,8 @@ pub(crate) fn doubts(answer: &Answer) -> String {
     answer.doubts.iter().map(|doubt| doubt.text.as_str()).collect::<Vec<_>>().join("; ")
 }
 
-/// The line of an answer: state, position, agreeing matches, time and doubts.
-pub(crate) fn answer_line(answer: &Answer) -> String {
+/// An answer in one line, without its state: position, agreeing matches, time and doubts.
+pub(crate) fn answer_text(answer: &Answer) -> String {
     let AnswerTimes { queue_ms, retrieve_ms, match_ms, pose_ms } = answer.times;
     let total = queue_ms + retrieve_ms + match_ms + pose_ms;
     let place = answer.pose.as_ref().map_or_else(
@@ -222,12 +222,7 @@ pub(crate) fn answer_line(answer: &Answer) -> String {
         },
     );
     let doubts = if answer.trusted() { String::new() } else { format!("  {}", doubts(answer)) };
-    format!(
-        "{:<9}  {place}  {} of {} matches agree  {total:.0} ms{doubts}",
-        answer.state(),
-        answer.inliers,
-        answer.matches
-    )
+    format!("{place}  {} of {} matches agree  {total:.0} ms{doubts}", answer.inliers, answer.matches)
 }
 
 /// One line for each query that was answered; unusable files are reported on stderr.
@@ -238,7 +233,7 @@ pub(super) fn table(queries: &[LocalizedQuery]) -> String {
     let mut text = String::new();
     for query in answered() {
         let line = match (&query.result, query.reason()) {
-            (Ok(answer), None) => answer_line(answer),
+            (Ok(answer), None) => format!("{:<9}  {}", answer.state(), answer_text(answer)),
             (Ok(_), Some(why)) => format!("{:<9}  {why}", AnswerState::Doubtful),
             (Err(error), _) => format!("{:<9}  {}", error.state(), error.message()),
         };

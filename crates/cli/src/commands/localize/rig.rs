@@ -7,7 +7,7 @@ use veiloc_localization::{FrameLocalization, LocalizeError, LocalizeOptions, loc
 use veiloc_map::MapFile;
 use veiloc_protocol::{Answer, PoseDocument, SealedFrame};
 
-use super::document::{ErrorDocument, ResultDocument, answer_line, reason};
+use super::document::{ErrorDocument, ResultDocument, answer_text, reason};
 use crate::args::need::Need;
 use crate::commands::rig_file;
 use crate::output::exit::{Exit, Failure, Outcome};
@@ -137,7 +137,7 @@ impl FrameDocument {
 fn text(document: &RigDocument, result: &Result<Answer, ErrorDocument>) -> String {
     use std::fmt::Write as _;
     let mut text = match (result, reason(result)) {
-        (Ok(answer), None) => format!("{}  {}\n", document.rig, answer_line(answer)),
+        (Ok(answer), None) => format!("{}  {}  {}\n", document.rig, answer.state(), answer_text(answer)),
         (Ok(answer), Some(why)) => return format!("{}  {}  {why}\n", document.rig, answer.state()),
         (Err(error), _) => return format!("{}  not-found  {}\n", document.rig, error.message()),
     };

@@ -13,7 +13,7 @@ use super::session;
 use crate::args::camera::{CameraArg, warn_of_turned};
 use crate::args::progressive_args::ProgressiveArgs;
 use crate::commands::device_args::DeviceArgs;
-use crate::commands::localize::document::answer_line;
+use crate::commands::localize::document::answer_text;
 use crate::commands::mask_args::MaskArgs;
 use crate::commands::seal::{GIVE_CAMERA, Held, extract, seal};
 use crate::commands::session_args::{self, SessionArgs};
@@ -91,7 +91,7 @@ pub(crate) fn run(args: &Args, ui: &Arc<Ui>) -> Outcome {
     if args.json {
         ui.json(&Document { answer: AnswerDocument::new(&answer), steps })?;
     } else {
-        ui.print(answer_line(&answer) + "\n");
+        ui.print(format!("{}  {}\n", answer.state(), answer_text(&answer)));
     }
     Ok(match (answer.state(), &answer.pose) {
         (AnswerState::Trusted, _) => Exit::Success,
