@@ -71,7 +71,7 @@ static class Program
         Throws(Status.Answer, "an answer", () => Answer.Read(new byte[0]));
         Throws(Status.Session, "a session", () => Session.Read(new byte[3]));
         Throws(Status.Argument, "anchors", () => Session.Begin("nowhere"));
-        Throws(Status.Argument, "a unit", () => Alignment.Begin(0));
+        Throws(Status.Argument, "a unit", () => Alignment.Begin(-1));
         var wrong = new Camera { Model = camera.Model, Width = 1, Height = camera.Height, Params = camera.Params };
         Throws(Status.Image, "a size", () => sealer.Extract(pixels, layout, wrong));
         var gray = new FrameLayout { Width = layout.Width, Height = layout.Height };
