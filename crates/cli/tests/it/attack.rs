@@ -224,7 +224,7 @@ fn neighbour_network_is_used_or_error_has_remedy() {
         .run("eval keypoints images --features sift --max-keypoints 150 --max-size 300 -o network-all.jsonl")
         .succeeded();
     let model = |name: &str| {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../research/attacks/tests/data/learned");
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../research/attacks/tests/data/learned");
         folder.join(name).display().to_string()
     };
     let attack = |model: &str| {

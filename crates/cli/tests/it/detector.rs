@@ -6,7 +6,7 @@ use common::{CAMERA, TestScene, scene};
 
 /// Finds a person in the left half of any image (`research/oracles/detector.py`).
 fn detector(name: &str) -> String {
-    format!("{}/../../device/features/tests/data/detector/{name}.onnx", env!("CARGO_MANIFEST_DIR"))
+    format!("{}/../device/features/tests/data/detector/{name}.onnx", env!("CARGO_MANIFEST_DIR"))
 }
 
 fn seal(more: &str) -> String {

@@ -115,7 +115,7 @@ fn ready() -> &'static TestScene {
 
 fn words(command: &str) -> String {
     let seal = format!("--camera {CAMERA} --profile place.vprofile");
-    let networks = concat!(env!("CARGO_MANIFEST_DIR"), "/../../research/attacks/tests/data");
+    let networks = concat!(env!("CARGO_MANIFEST_DIR"), "/../research/attacks/tests/data");
     command.replace("{seal}", &seal).replace("{few}", &EXTRACTION.join(" ")).replace("{networks}", networks)
 }
 

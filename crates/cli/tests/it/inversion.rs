@@ -6,7 +6,7 @@ use std::process::Command;
 /// Runs a command line; an argument that looks like a file name is a path in the folder, and below `data/` one of the
 /// attacks' test data.
 fn run(folder: &Path, words: &str) -> Result<(), String> {
-    let tests = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../research/attacks/tests/data");
+    let tests = Path::new(env!("CARGO_MANIFEST_DIR")).join("../research/attacks/tests/data");
     let at = |word: &str| match word.strip_prefix("data/") {
         Some(name) => tests.join(name).display().to_string(),
         None if word.contains('.') => folder.join(word).display().to_string(),

@@ -6,7 +6,7 @@ use common::{CAMERA, TestScene, scene};
 
 /// An analytic network, and its description (`research/oracles/networks.py`).
 fn corners(ending: &str) -> String {
-    format!("{}/../../device/features/tests/data/learned/corners.{ending}", env!("CARGO_MANIFEST_DIR"))
+    format!("{}/../device/features/tests/data/learned/corners.{ending}", env!("CARGO_MANIFEST_DIR"))
 }
 
 /// The command exits with 1, prints all these words, and writes no query.
@@ -106,7 +106,7 @@ fn a_projected_network_maps_seals_and_localizes() {
 fn l14_whole_image_descriptor_needs_consent() {
     let scene = scene();
     let file =
-        format!("{}/../../device/features/tests/data/learned/corner-map.toml", env!("CARGO_MANIFEST_DIR"));
+        format!("{}/../device/features/tests/data/learned/corner-map.toml", env!("CARGO_MANIFEST_DIR"));
     let build =
         format!("map build --posed posed --images images --list map.txt --global {file} -o whole.vmap");
     scene.run(&build).succeeded();

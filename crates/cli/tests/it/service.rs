@@ -244,7 +244,7 @@ fn a_session_gets_one_pose() {
 #[test]
 fn tls_and_tokens() {
     let scene = scene();
-    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/../../server/service/tests/data");
+    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/../server/service/tests/data");
     // SHA-256 of `phone-token`, by openssl.
     let hash = Command::new("sh").args(["-c", "printf %s phone-token | sha256sum | cut -d' ' -f1"]).output();
     scene.write(
