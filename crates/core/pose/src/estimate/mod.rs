@@ -1,13 +1,18 @@
 //! Entry points: the pose of a query, for points, lines and anchored lines, and of a rig of several images.
 
+pub(crate) mod cramer_rao;
+mod msac;
+pub(crate) mod pose_estimate;
+pub(crate) mod refine_inliers;
+
 use rand::Rng;
 use veiloc_geometry::{CameraFromWorld, RigFromWorld};
 
 use crate::error::PoseError;
+use crate::estimate::msac::has_one_side;
+use crate::estimate::pose_estimate::PoseEstimate;
 use crate::likelihood::PoseProblem;
 use crate::likelihood::duplicates::WithoutDuplicates;
-use crate::msac::pose_estimate::PoseEstimate;
-use crate::msac::{self, has_one_side};
 use crate::options::{PoseOptions, ScoreKind};
 use crate::rig::{Images, RigEstimate, RigFrame};
 

@@ -3,21 +3,17 @@
 //! It is kept to reproduce the paper's tables. The camera is taken as given, priors are ignored, and the covariance is the
 //! residuals' variance times `(JᵀJ)⁻¹`.
 
-pub(crate) mod cramer_rao;
-pub(crate) mod pose_estimate;
-pub(crate) mod refine_inliers;
-
 use rand::Rng;
 use veiloc_geometry::CameraFromWorld;
 
 use crate::confidence::ambiguity::margin;
 use crate::confidence::{MIN_MARGIN, assess, free_direction};
 use crate::error::PoseError;
+use crate::estimate::pose_estimate::PoseEstimate;
 use crate::likelihood::{
     Correspondences, Kernel, Loss, Matches, PoseProblem, Scale, free_along, inverse_or_infinite, linearize,
     refine,
 };
-use crate::msac::pose_estimate::PoseEstimate;
 use crate::options::PoseOptions;
 use crate::ransac::minimal::Minimal;
 use crate::ransac::{Estimator, Stop, lo_ransac};

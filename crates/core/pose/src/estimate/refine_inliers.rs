@@ -4,8 +4,8 @@ use veiloc_geometry::CameraFromWorld;
 
 use crate::confidence::assess;
 use crate::error::PoseError;
+use crate::estimate::pose_estimate::PoseEstimate;
 use crate::likelihood::{Loss, Matches, PoseProblem, inverse_or_infinite, linearize, refine};
-use crate::msac::pose_estimate::PoseEstimate;
 use crate::options::PoseOptions;
 
 /// Steps of Levenberg–Marquardt.

@@ -4,7 +4,7 @@ use crate::likelihood::{Loss, Matches, PoseProblem, linearize};
 use veiloc_geometry::CameraFromWorld;
 
 use crate::error::PoseError;
-use crate::msac::refine_inliers::active;
+use crate::estimate::refine_inliers::active;
 
 /// Fisher information of the pose in the chosen correspondences: `JᵀJ / σ²`, in the chart of
 /// [`CameraFromWorld::perturbed`] (radians, then map units) at `pose`.
