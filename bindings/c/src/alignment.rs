@@ -1,6 +1,6 @@
 //! The transform from the map to the AR world.
 
-use veiloc_ar::{Alignment, AlignmentOptions, AlignmentState, DistanceVerdict, Update};
+use veiloc_ar::{Alignment, AlignmentOptions, AlignmentState, DistanceVerdict, Update, check_unit};
 
 use crate::answer::VeilocAnswer;
 use crate::pointers;
@@ -81,10 +81,8 @@ pub unsafe extern "C" fn veiloc_alignment_new(
     guarded(|| {
         let mut options = AlignmentOptions::default();
         if metres_per_unit != 0.0 {
-            if !(metres_per_unit.is_finite() && metres_per_unit > 0.0) {
-                return Err(Failure::new(VeilocStatus::Argument, "metres_per_unit must be above 0"));
-            }
-            options = options.with_metres_per_unit(metres_per_unit);
+            let metres = check_unit(metres_per_unit).map_err(|e| Failure::new(VeilocStatus::Argument, e))?;
+            options = options.with_metres_per_unit(metres);
         }
         let alignment = VeilocAlignment { alignment: Alignment::new(options) };
         // SAFETY: the contract of the crate.

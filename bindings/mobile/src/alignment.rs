@@ -93,9 +93,7 @@ impl Alignment {
     pub fn new(metres_per_unit: Option<f64>) -> Result<Arc<Self>, VeilocException> {
         let mut options = AlignmentOptions::default();
         if let Some(metres) = metres_per_unit {
-            if !(metres.is_finite() && metres > 0.0) {
-                return Err(VeilocException::argument("metres_per_unit must be above 0"));
-            }
+            let metres = veiloc_ar::check_unit(metres).map_err(VeilocException::argument)?;
             options = options.with_metres_per_unit(metres);
         }
         Ok(Arc::new(Self { alignment: Mutex::new(veiloc_ar::Alignment::new(options)) }))

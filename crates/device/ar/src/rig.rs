@@ -6,6 +6,7 @@ use veiloc_obfuscation::{Orientation, SealError};
 use veiloc_protocol::{RigMessage, SealedFrame, SealedQuery};
 
 use crate::CameraFromAr;
+use crate::unit::check_unit;
 
 /// The orientation of the camera when it took a frame, with the gravity direction: the AR world's `y` is up. It stays on
 /// the device, except for the direction of gravity, rounded to about a degree
@@ -65,8 +66,11 @@ pub(crate) fn check_numbers(
     translation_sd: f64,
 ) -> Result<(), RigError> {
     let is_sd = |sd: f64| sd.is_finite() && sd >= 0.0;
-    let is_unit = metres_per_unit.is_finite() && metres_per_unit > 0.0;
-    if is_unit && is_sd(rotation_sd_deg) && is_sd(translation_sd) { Ok(()) } else { Err(RigError::Number) }
+    if check_unit(metres_per_unit).is_ok() && is_sd(rotation_sd_deg) && is_sd(translation_sd) {
+        Ok(())
+    } else {
+        Err(RigError::Number)
+    }
 }
 
 /// The poses of several cameras on one rig: relative to the first. `metres_per_unit`: of the map.

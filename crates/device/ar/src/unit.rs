@@ -22,6 +22,13 @@ pub enum UnitError {
 /// # Errors
 /// [`UnitError`].
 pub fn metres_per_unit(answer: &Answer, given: Option<f64>) -> Result<f64, UnitError> {
-    let metres = given.or(answer.map.metres_per_unit).ok_or(UnitError::Unknown)?;
+    check_unit(given.or(answer.map.metres_per_unit).ok_or(UnitError::Unknown)?)
+}
+
+/// A unit that an app gives: metres, above 0.
+///
+/// # Errors
+/// [`UnitError::NotAboveZero`].
+pub fn check_unit(metres: f64) -> Result<f64, UnitError> {
     if metres.is_finite() && metres > 0.0 { Ok(metres) } else { Err(UnitError::NotAboveZero) }
 }
