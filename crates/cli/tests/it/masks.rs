@@ -26,13 +26,7 @@ fn seal(more: &str) -> String {
 
 /// The command exits with 1, and prints all these words.
 fn refused(scene: &TestScene, command: &str, expected_words: &[&str]) {
-    let run = scene.run(command);
-    let words: Vec<&str> = run.stderr.split_whitespace().filter(|word| !["│", "×"].contains(word)).collect();
-    let text = words.join(" ");
-    assert!(
-        run.code == Some(1) && expected_words.iter().all(|word| text.contains(word)),
-        "{expected_words:?}: {run}"
-    );
+    scene.run(command).refused(expected_words);
 }
 
 #[test]

@@ -11,13 +11,7 @@ fn corners(ending: &str) -> String {
 
 /// The command exits with 1, prints all these words, and writes no query.
 fn refused(scene: &TestScene, command: &str, expected_words: &[&str]) {
-    let run = scene.run(command);
-    let words: Vec<&str> = run.stderr.split_whitespace().filter(|word| !["│", "×"].contains(word)).collect();
-    let text = words.join(" ");
-    assert!(
-        run.code == Some(1) && expected_words.iter().all(|word| text.contains(word)),
-        "{expected_words:?}: {run}"
-    );
+    let run = scene.run(command).refused(expected_words);
     assert!(!scene.path("none.vquery").exists(), "{run}");
 }
 

@@ -237,6 +237,19 @@ impl Run {
         self
     }
 
+    /// The command ended with 1, and printed all these words, wherever its lines are broken.
+    #[track_caller]
+    pub fn refused(self, expected_words: &[&str]) -> Self {
+        let words: Vec<&str> =
+            self.stderr.split_whitespace().filter(|word| !["│", "×"].contains(word)).collect();
+        let text = words.join(" ");
+        assert!(
+            self.code == Some(1) && expected_words.iter().all(|word| text.contains(word)),
+            "{expected_words:?}: {self}"
+        );
+        self
+    }
+
     /// Stdout as exactly one JSON document; stderr contains no JSON.
     pub fn json(&self) -> Value {
         let document = serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}\n{self}"));
