@@ -17,7 +17,7 @@ pub fn adversaries_table(document: &AdversariesDocument) -> String {
     let there = |a: &Adversary| document.rows.iter().any(|row| row.adversary == a.name());
     let missing: Vec<&str> = document.missing.iter().map(|a| a.name()).collect();
     let knows: Vec<String> = (Adversary::ALL.iter().filter(|a| there(a)))
-        .map(|a| format!("{:<20} {}\n", a.name(), a.knows()))
+        .map(|a| format!("{:<22} {}\n", a.name(), a.knows()))
         .collect();
     let knows = knows.concat();
     let missing = if missing.is_empty() {
@@ -26,15 +26,16 @@ pub fn adversaries_table(document: &AdversariesDocument) -> String {
         format!("Skipped, because their resources are missing: {}.\n", missing.join(", "))
     };
     format!(
-        "{}\nEach adversary with its best attack; prior: the best answer from the single line. For servers with the pose,\n\
-         errors are measured on keypoints that their map does not show, or on a private region of the image.\n\n{knows}{missing}",
+        "{}\nEach adversary with its best attack; prior and median in pixels, prior: the best answer from the single line.\n\
+         For servers with the pose, errors are measured on keypoints that their map does not show, or on a private\n\
+         region of the image.\n\n{knows}{missing}",
         tables.join("\n")
     )
 }
 
 fn of_data(document: &AdversariesDocument, data: &str) -> String {
     let head =
-        ["adversary", "scheme", "attack", "true", "prior px", "median px", "< 10 px", "< 30 px", "bits"];
+        ["adversary", "scheme", "attack", "true", "prior", "median", "< 10 px", "< 30 px", "bits"];
     let mut table = TextTable::new(head, 3);
     let rows = || document.rows.iter().filter(|row| row.data == data);
     let mut last = "";
