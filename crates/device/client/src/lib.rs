@@ -34,8 +34,8 @@
 //! // Once for each image. Further images of the scene belong to one session: `sealer.in_session`.
 //! let query = sealer.seal(extracted, &mut device_rng()?)?;
 //! match client.localize("lobby", &query) {
-//!     Ok(Answer { trusted: true, pose: Some(pose), .. }) => {
-//!         println!("at {:?} ± {}", pose.center, pose.position_sd());
+//!     Ok(Answer { pose: Some(pose), doubts, .. }) if doubts.is_empty() => {
+//!         println!("at {:?} ± {}", pose.center(), pose.position_sd());
 //!     }
 //!     Ok(_) | Err(ClientError::NotLocalized(_)) => println!("not sure where this is"),
 //!     Err(ClientError::Busy { retry_after, .. }) => println!("busy; the same query again in {retry_after:?}"),

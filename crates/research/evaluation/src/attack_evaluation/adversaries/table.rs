@@ -34,8 +34,7 @@ pub fn adversaries_table(document: &AdversariesDocument) -> String {
 }
 
 fn of_data(document: &AdversariesDocument, data: &str) -> String {
-    let head =
-        ["adversary", "scheme", "attack", "true", "prior", "median", "< 10 px", "< 30 px", "bits"];
+    let head = ["adversary", "scheme", "attack", "true", "prior", "median", "< 10 px", "< 30 px", "bits"];
     let mut table = TextTable::new(head, 3);
     let rows = || document.rows.iter().filter(|row| row.data == data);
     let mut last = "";
