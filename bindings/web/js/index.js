@@ -5,7 +5,7 @@
 //   const device = await load(await client.profile("lobby"));
 //   const sealer = await device.sealer();
 //   const query = await sealer.seal(await sealer.extract(image, "SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034"));
-//   const { trusted, center, position_sd } = await client.localize("lobby", query);
+//   const { state, center, position_sd } = await client.localize("lobby", query);
 
 import { VeilocError } from "./core.js";
 
