@@ -102,7 +102,8 @@ namespace Veiloc
         [MarshalAs(UnmanagedType.U1)] public bool HasPose;
         [MarshalAs(UnmanagedType.U1)] public bool Trusted;
         public double PositionSd, MetresPerUnit;
-        [MarshalAs(UnmanagedType.ByValArray, SizeConst = 3)] public double[] Down;
+        /// <summary>Direction of gravity in the map; zeros when the map does not know it.</summary>
+        public double DownX, DownY, DownZ;
         public uint Inliers, Matches, Doubts;
     }
 

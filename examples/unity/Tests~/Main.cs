@@ -37,7 +37,7 @@ static class Program
             using (var answer = Answer.Read(File.ReadAllBytes(Path.Combine(arguments[1], "answer"))))
             {
                 Expect(answer.Json() == File.ReadAllText(Path.Combine(arguments[1], "answer.json")), "the document of an answer");
-                Expect(answer.Info.MetresPerUnit == 1 && answer.Info.Down[1] == -1, "unit and down");
+                Expect(answer.Info.MetresPerUnit == 1 && answer.Info.DownY == -1, "unit and down");
             }
             foreach (var line in File.ReadAllLines(Path.Combine(arguments[1], "frames.txt")))
             {
