@@ -89,7 +89,7 @@ def compute(args):
         names.write_text("\n".join(images) + "\n")
         # Two rooms that look alike would be refused as one room in two frames. One query at a time: its time is in the table.
         taken = run([args.veiloc, "eval", "scene", "--posed", args.out / "posed", "--images", args.out / "images", "--map-list", names,
-                     "--query-list", args.out / "queries.txt", "--no-frame-check", "--max-keypoints", args.keypoints, "--query-keypoints", 1024,
+                     "--query-list", args.out / "queries.txt", "--no-coordinate-frame-check", "--max-keypoints", args.keypoints, "--query-keypoints", 1024,
                      "--schemes", ",".join(SCHEMES), "--thresholds", "0.02/2,0.05/5", "--work", args.out / "work",
                      "--keep-map", args.out / f"map-{name}.vmap", "--json", args.out / "part.json"])
         document = json.loads((args.out / "part.json").read_text())

@@ -186,7 +186,7 @@ def twins(run):
                 link = folder / "images" / name
                 link.parent.mkdir(parents=True, exist_ok=True)
                 link.symlink_to((scene / "images" / name[2:]).resolve())
-            run.run("map", "build", "--quiet", "--no-frame-check", "--posed", folder / "posed", "--images", folder / "images", "-o",
+            run.run("map", "build", "--quiet", "--no-coordinate-frame-check", "--posed", folder / "posed", "--images", folder / "images", "-o",
                     folder / "map.vmap")  # fmt: skip
             listed = folder / "queries.txt"
             listed.write_text("".join(f"{name} {known[name].camera}\n" for name in queries))

@@ -161,8 +161,8 @@ impl From<MappingError> for BindingError {
             MappingError::BadImages(_) => Self::image(format_args!(
                 "{error}; repair these images, remove them from the list, or pass skip_bad=True"
             )),
-            MappingError::OtherFrame { .. } => Self::map(format_args!(
-                "{error}\ngive poses in one frame, or transform those of the named images with other_frame=\"align\""
+            MappingError::OtherCoordinateFrame { .. } => Self::map(format_args!(
+                "{error}\ngive poses in one coordinate frame, or transform those of the named images with other_coordinate_frame=\"align\""
             )),
             error => Self::map(error),
         }

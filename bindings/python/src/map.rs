@@ -15,7 +15,8 @@ use veiloc_mapping::build_cache::FolderCache;
 use veiloc_mapping::calibration::{SelfTestOptions, SelfTestTrial, chosen, self_test, trials};
 use veiloc_mapping::structure_from_motion::{SfmOptions, reconstruct};
 use veiloc_mapping::{
-    BuildOptions, FinishOptions, Input, MapWarning, OnOtherFrame, VocabularyUpdate, finish, finish_tested,
+    BuildOptions, FinishOptions, Input, MapWarning, OnOtherCoordinateFrame, VocabularyUpdate, finish,
+    finish_tested,
 };
 use veiloc_protocol::SealedQuery;
 
@@ -28,7 +29,7 @@ use crate::errors::{BindingError, Result};
 use crate::estimate::position_of;
 use crate::options::pose_options;
 use crate::pose::CameraPose;
-use crate::posed::{Posed, down_of, matching_of, on_bad, on_other_frame, posed_of};
+use crate::posed::{Posed, down_of, matching_of, on_bad, on_other_coordinate_frame, posed_of};
 use crate::profile::Profile;
 
 /// A map, in which sealed queries are localized.
@@ -79,7 +80,7 @@ impl Map {
     ///     self_test: localize some of the map's own images, to calibrate the covariances of its answers.
     ///     keep_broken: return a map in which nothing can be localized, too.
     ///     skip_bad: skip images that cannot be used, instead of raising an error.
-    ///     other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"`,
+    ///     other_coordinate_frame: what to do with a group of images whose poses are in another coordinate frame than the rest: `"refuse"`,
     ///         `"align"` (transform their poses) or `"accept"` (do not compare).
     ///     work: folder that caches features and matches between calls. It holds keypoints and descriptors of the
     ///         images.
@@ -89,7 +90,7 @@ impl Map {
     ///     ImageError: an image cannot be used.
     ///     MapError: the model cannot be read, no map can be built from these images, or nothing can be localized in it.
     #[staticmethod]
-    #[pyo3(signature = (posed, images, *, names=None, features="compact", down=None, metres=false, self_test=true, keep_broken=false, skip_bad=false, other_frame="refuse", work=None, progress=None))]
+    #[pyo3(signature = (posed, images, *, names=None, features="compact", down=None, metres=false, self_test=true, keep_broken=false, skip_bad=false, other_coordinate_frame="refuse", work=None, progress=None))]
     #[expect(clippy::too_many_arguments, clippy::fn_params_excessive_bools, reason = "keywords in Python")]
     fn build(
         py: Python<'_>,
@@ -102,18 +103,19 @@ impl Map {
         self_test: bool,
         keep_broken: bool,
         skip_bad: bool,
-        other_frame: &str,
+        other_coordinate_frame: &str,
         work: Option<PathBuf>,
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
         let Posed { images: posed, down: down_of_format, is_metric } = posed_of(posed, &images)?;
         let down = down.map(down_of).transpose()?.or(down_of_format);
-        let other_frame = on_other_frame(other_frame)?;
+        let other_coordinate_frame = on_other_coordinate_frame(other_coordinate_frame)?;
         let mut options = BuildOptions::default();
         features.clone_into(&mut options.features);
         ProgressCallback::new(py, progress)?.run(py, |progress| {
-            let mut input =
-                Input::new(&posed, &images).on_bad_image(on_bad(skip_bad)).on_other_frame(other_frame);
+            let mut input = Input::new(&posed, &images)
+                .on_bad_image(on_bad(skip_bad))
+                .on_other_coordinate_frame(other_coordinate_frame);
             if let Some(names) = &names {
                 input = input.with_names(names);
             }
@@ -206,13 +208,13 @@ impl Map {
     ///     model: folder of the model, text or binary.
     ///     images, features, down, self_test, keep_broken, skip_bad, progress: as for `build`.
     ///     metres: lengths of the model are in metres.
-    ///     other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"` or
-    ///         `"accept"`. To transform it, use `build` with `other_frame="align"`.
+    ///     other_coordinate_frame: what to do with a group of images whose poses are in another coordinate frame than the rest: `"refuse"` or
+    ///         `"accept"`. To transform it, use `build` with `other_coordinate_frame="align"`.
     ///
     /// Raises:
     ///     MapError, ImageError: as for `build`.
     #[staticmethod]
-    #[pyo3(signature = (model, images, *, features="compact", down=None, metres=false, self_test=true, keep_broken=false, skip_bad=false, other_frame="refuse", progress=None))]
+    #[pyo3(signature = (model, images, *, features="compact", down=None, metres=false, self_test=true, keep_broken=false, skip_bad=false, other_coordinate_frame="refuse", progress=None))]
     #[expect(clippy::too_many_arguments, clippy::fn_params_excessive_bools, reason = "keywords in Python")]
     fn from_colmap(
         py: Python<'_>,
@@ -224,14 +226,14 @@ impl Map {
         self_test: bool,
         keep_broken: bool,
         skip_bad: bool,
-        other_frame: &str,
+        other_coordinate_frame: &str,
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
         let down = down.map(down_of).transpose()?;
-        let other_frame = on_other_frame(other_frame)?;
-        if other_frame == OnOtherFrame::Align {
+        let other_coordinate_frame = on_other_coordinate_frame(other_coordinate_frame)?;
+        if other_coordinate_frame == OnOtherCoordinateFrame::Align {
             return Err(BindingError::input(
-                "other_frame: the points of a complete model cannot be transformed; use `build` with other_frame=\"align\"",
+                "other_coordinate_frame: the points of a complete model cannot be transformed; use `build` with other_coordinate_frame=\"align\"",
             ));
         }
         let mut options = BuildOptions::default();
@@ -239,8 +241,9 @@ impl Map {
         ProgressCallback::new(py, progress)?.run(py, |progress| {
             let colmap = read_model(&model)?;
             let posed = PosedImages::from(&colmap);
-            let input =
-                Input::new(&posed, &images).on_bad_image(on_bad(skip_bad)).on_other_frame(other_frame);
+            let input = Input::new(&posed, &images)
+                .on_bad_image(on_bad(skip_bad))
+                .on_other_coordinate_frame(other_coordinate_frame);
             let (mut model, report) = veiloc_mapping::import(&colmap, &input, &options, progress)?;
             model.down = down;
             model.is_metric = metres;
@@ -275,13 +278,13 @@ impl Map {
     /// Returns the map with more posed images; the profile stays the same.
     ///
     /// Args:
-    ///     posed, images, names, self_test, keep_broken, skip_bad, progress: as for `build`; the poses are in the map's frame.
-    ///     other_frame: as for `build`; the images are localized in the map before they are added.
+    ///     posed, images, names, self_test, keep_broken, skip_bad, progress: as for `build`; the poses are in the map's coordinate frame.
+    ///     other_coordinate_frame: as for `build`; the images are localized in the map before they are added.
     ///
     /// Raises:
     ///     ImageError: an image cannot be used.
     ///     MapError: the poses cannot be read, or an image is in the map already.
-    #[pyo3(signature = (posed, images, *, names=None, self_test=true, keep_broken=false, skip_bad=false, other_frame="refuse", progress=None))]
+    #[pyo3(signature = (posed, images, *, names=None, self_test=true, keep_broken=false, skip_bad=false, other_coordinate_frame="refuse", progress=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn add(
         &self,
@@ -292,14 +295,15 @@ impl Map {
         self_test: bool,
         keep_broken: bool,
         skip_bad: bool,
-        other_frame: &str,
+        other_coordinate_frame: &str,
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
         let posed = posed_of(posed, &images)?.images;
-        let other_frame = on_other_frame(other_frame)?;
+        let other_coordinate_frame = on_other_coordinate_frame(other_coordinate_frame)?;
         ProgressCallback::new(py, progress)?.run(py, |progress| {
-            let mut input =
-                Input::new(&posed, &images).on_bad_image(on_bad(skip_bad)).on_other_frame(other_frame);
+            let mut input = Input::new(&posed, &images)
+                .on_bad_image(on_bad(skip_bad))
+                .on_other_coordinate_frame(other_coordinate_frame);
             if let Some(names) = &names {
                 input = input.with_names(names);
             }

@@ -7,7 +7,7 @@ use pyo3::types::PyDict;
 use veiloc_map::{GravityDirection, PosedImage, PosedImages};
 use veiloc_mapping::importers::poses;
 use veiloc_mapping::structure_from_motion::SfmMatching;
-use veiloc_mapping::{OnBadImage, OnOtherFrame};
+use veiloc_mapping::{OnBadImage, OnOtherCoordinateFrame};
 
 use crate::arrays;
 use crate::camera::{camera_of, dictionary};
@@ -91,14 +91,14 @@ pub(crate) fn down_of(down: &Bound<'_, PyAny>) -> Result<GravityDirection> {
     }
 }
 
-/// The treatment of images in another frame.
-pub(crate) fn on_other_frame(name: &str) -> Result<OnOtherFrame> {
+/// The treatment of images in another coordinate frame.
+pub(crate) fn on_other_coordinate_frame(name: &str) -> Result<OnOtherCoordinateFrame> {
     match name {
-        "refuse" => Ok(OnOtherFrame::Refuse),
-        "align" => Ok(OnOtherFrame::Align),
-        "accept" => Ok(OnOtherFrame::Accept),
+        "refuse" => Ok(OnOtherCoordinateFrame::Refuse),
+        "align" => Ok(OnOtherCoordinateFrame::Align),
+        "accept" => Ok(OnOtherCoordinateFrame::Accept),
         other => Err(BindingError::input(format!(
-            "other_frame: {other:?} is none of \"refuse\", \"align\", \"accept\""
+            "other_coordinate_frame: {other:?} is none of \"refuse\", \"align\", \"accept\""
         ))),
     }
 }

@@ -124,9 +124,9 @@ def test_exports_are_documented():
 
 
 def test_images_in_another_frame_of_a_complete_model_cannot_be_transformed(tmp_path):
-    for other_frame in ("align", "ignore"):
-        with pytest.raises(veiloc.InputError, match="other_frame"):
-            veiloc.Map.from_colmap(tmp_path, tmp_path, other_frame=other_frame)
+    for other_coordinate_frame in ("align", "ignore"):
+        with pytest.raises(veiloc.InputError, match="other_coordinate_frame"):
+            veiloc.Map.from_colmap(tmp_path, tmp_path, other_coordinate_frame=other_coordinate_frame)
 
 
 def test_read_posed_recognizes_formats(tmp_path):

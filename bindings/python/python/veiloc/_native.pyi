@@ -386,7 +386,7 @@ class Map:
         self_test: bool = True,
         keep_broken: bool = False,
         skip_bad: bool = False,
-        other_frame: Literal["refuse", "align", "accept"] = "refuse",
+        other_coordinate_frame: Literal["refuse", "align", "accept"] = "refuse",
         work: Path | None = None,
         progress: Progress | None = None,
     ) -> Map:
@@ -404,7 +404,7 @@ class Map:
             self_test: localize some of the map's own images, to calibrate the covariances of its answers.
             keep_broken: return a map in which nothing can be localized, too.
             skip_bad: skip images that cannot be used, instead of raising an error.
-            other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"`,
+            other_coordinate_frame: what to do with a group of images whose poses are in another coordinate frame than the rest: `"refuse"`,
                 `"align"` (transform their poses) or `"accept"` (do not compare).
             work: folder that caches features and matches between calls. It holds keypoints and descriptors of the
                 images.
@@ -457,7 +457,7 @@ class Map:
         self_test: bool = True,
         keep_broken: bool = False,
         skip_bad: bool = False,
-        other_frame: Literal["refuse", "accept"] = "refuse",
+        other_coordinate_frame: Literal["refuse", "accept"] = "refuse",
         progress: Progress | None = None,
     ) -> Map:
         """Builds a map from a complete COLMAP model; it keeps the model's points and observations.
@@ -466,8 +466,8 @@ class Map:
             model: folder of the model, text or binary.
             images, features, down, self_test, keep_broken, skip_bad, progress: as for `build`.
             metres: lengths of the model are in metres.
-            other_frame: what to do with a group of images whose poses are in another frame than the rest: `"refuse"` or
-                `"accept"`. To transform it, use `build` with `other_frame="align"`.
+            other_coordinate_frame: what to do with a group of images whose poses are in another coordinate frame than the rest: `"refuse"` or
+                `"accept"`. To transform it, use `build` with `other_coordinate_frame="align"`.
 
         Raises:
             MapError, ImageError: as for `build`.
@@ -494,14 +494,14 @@ class Map:
         self_test: bool = True,
         keep_broken: bool = False,
         skip_bad: bool = False,
-        other_frame: Literal["refuse", "align", "accept"] = "refuse",
+        other_coordinate_frame: Literal["refuse", "align", "accept"] = "refuse",
         progress: Progress | None = None,
     ) -> Map:
         """Returns the map with more posed images; the profile stays the same.
 
         Args:
-            posed, images, names, self_test, keep_broken, skip_bad, progress: as for `build`; the poses are in the map's frame.
-            other_frame: as for `build`; the images are localized in the map before they are added.
+            posed, images, names, self_test, keep_broken, skip_bad, progress: as for `build`; the poses are in the map's coordinate frame.
+            other_coordinate_frame: as for `build`; the images are localized in the map before they are added.
 
         Raises:
             ImageError: an image cannot be used.

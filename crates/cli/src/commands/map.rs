@@ -5,10 +5,10 @@ mod align;
 mod alignment;
 mod build;
 mod compress;
+mod coordinate_frame;
 mod edit;
 mod export;
 pub(crate) mod facts;
-mod frame;
 mod import;
 mod info;
 mod merge;
@@ -40,7 +40,7 @@ pub(crate) enum Command {
     View(view::ViewArgs),
     /// Add images with known poses to a map, without rebuilding it.
     Add(add::AddArgs),
-    /// Transform a map to metres, north and gravity, or to the frame of another map.
+    /// Transform a map to metres, north and gravity, or to the coordinate frame of another map.
     Align(align::AlignArgs),
     /// Merge two maps that show a common part.
     Merge(merge::MergeArgs),

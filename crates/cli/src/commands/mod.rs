@@ -4,12 +4,12 @@ pub(crate) mod attack;
 pub(crate) mod audit;
 #[cfg(feature = "cluster")]
 mod cluster_args;
+mod coordinate_frame_check;
 pub(crate) mod demo;
 mod device_args;
 pub(crate) mod eval;
 #[cfg(feature = "hloc")]
 pub(crate) mod features;
-mod frame_check;
 pub(crate) mod image_list;
 pub(crate) mod localize;
 mod logger;

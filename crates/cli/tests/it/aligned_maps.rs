@@ -1,4 +1,4 @@
-//! Maps in another frame: `map align` and `map merge`.
+//! Maps in another coordinate frame: `map align` and `map merge`.
 
 use super::common;
 

@@ -195,7 +195,7 @@ fn every_command_refuses_a_broken_map() {
     for command in [
         "map remove broken.vmap map-00.png",
         "map align broken.vmap --level",
-        "map add broken.vmap --posed posed --images images --list one.txt --prefix again/ --no-frame-check",
+        "map add broken.vmap --posed posed --images images --list one.txt --prefix again/ --no-coordinate-frame-check",
         "map compress broken.vmap --ratio 2 -o broken.vmap",
     ] {
         let run = scene.run(command);

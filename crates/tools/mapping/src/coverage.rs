@@ -20,7 +20,7 @@ use veiloc_map::MapModel;
 
 use crate::align;
 use crate::calibration::SelfTestTrial;
-use crate::frames::median;
+use crate::coordinate_frames::median;
 
 /// Directions in which a camera looks at each node.
 pub const HEADINGS: usize = 12;

@@ -46,13 +46,13 @@ pub enum MappingError {
         /// What is known about the cause.
         warnings: Vec<String>,
     },
-    /// The poses of images are in another frame than the rest of the map.
-    #[error("{}", other_frames(groups))]
-    OtherFrame {
-        /// Each group of images, and its distance from the frame of the map.
+    /// The poses of images are in another coordinate frame than the rest of the map.
+    #[error("{}", other_coordinate_frames(groups))]
+    OtherCoordinateFrame {
+        /// Each group of images, and its distance from the coordinate frame of the map.
         groups: Vec<String>,
     },
-    /// The poses of most added images disagree with the map, and no transform to its frame explains them.
+    /// The poses of most added images disagree with the map, and no transform to its coordinate frame explains them.
     #[error(
         "{} localized in the map with other poses than the given ones ({} of {localized} localized images), and no \
          common transform explains it, so nothing was changed; check the poses and cameras",
@@ -246,7 +246,7 @@ pub enum MappingError {
         /// Each format, and its file or folder.
         found: Vec<(String, PathBuf)>,
     },
-    /// A map cannot be aligned, or two maps cannot be brought to one frame.
+    /// A map cannot be aligned, or two maps cannot be brought to one coordinate frame.
     #[error("the map cannot be aligned: {reason}")]
     Alignment {
         /// The problem and the remedy.
@@ -309,9 +309,9 @@ fn lines(texts: &[String]) -> String {
     texts.iter().flat_map(|text| ["\n  ", text]).collect()
 }
 
-fn other_frames(groups: &[String]) -> String {
+fn other_coordinate_frames(groups: &[String]) -> String {
     format!(
-        "the poses of some images are in another frame than the rest of the map, so nothing was written; the \
+        "the poses of some images are in another coordinate frame than the rest of the map, so nothing was written; the \
          map without them localizes them with other poses{}",
         lines(groups)
     )

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use veiloc_evaluation::{EvalError, SceneEvaluation};
 use veiloc_mapping::MappingError;
 
-use crate::commands::frame_check::{FrameCheckArgs, REMEDY_OF_LOOK_ALIKES};
+use crate::commands::coordinate_frame_check::{CoordinateFrameCheckArgs, REMEDY_OF_LOOK_ALIKES};
 use crate::commands::posed::read_posed;
 use crate::output::exit::Failure;
 use crate::output::lists::{self, ListedImage};
@@ -29,7 +29,7 @@ pub(super) struct PosedSceneArgs {
     #[arg(long, value_name = "FILE", requires = "posed")]
     query_list: Option<PathBuf>,
     #[command(flatten)]
-    check: FrameCheckArgs,
+    check: CoordinateFrameCheckArgs,
 }
 
 impl PosedSceneArgs {
@@ -49,7 +49,7 @@ impl PosedSceneArgs {
         let map_list = lists::read_list(map_list)?;
         Ok(Some(SceneEvaluation {
             query_cameras,
-            on_other_frame: self.check.on_other_frame(),
+            on_other_coordinate_frame: self.check.on_other_coordinate_frame(),
             ..SceneEvaluation::of_scene(posed, images.clone(), map_list, query_list)
         }))
     }
@@ -65,7 +65,7 @@ impl PosedSceneArgs {
 /// Adds the remedy for a refused frame to the error.
 pub(super) fn with_remedy(error: EvalError) -> Failure {
     match error {
-        EvalError::Mapping(MappingError::OtherFrame { .. }) => {
+        EvalError::Mapping(MappingError::OtherCoordinateFrame { .. }) => {
             Failure::with_help(error, format!("give poses in one frame; {REMEDY_OF_LOOK_ALIKES}"))
         }
         error => error.into(),

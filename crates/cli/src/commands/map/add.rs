@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
+use super::coordinate_frame::CoordinateFrameArgs;
 use super::edit::MapEdit;
 use super::facts::InfoOutput;
-use super::frame::FrameArgs;
 use super::posed_args::PosedArgs;
 use super::remedy::with_remedy;
 use super::self_test::FinishArgs;
@@ -17,7 +17,7 @@ use crate::output::ui::Ui;
 
 /// Add images with known poses to a map, without rebuilding it.
 ///
-/// Before they join, the images are localized in the map. If their poses are in another frame than the map, the command
+/// Before they join, the images are localized in the map. If their poses are in another coordinate frame than the map, the command
 /// refuses them, or transforms them with --align.
 #[derive(clap::Args)]
 #[command(mut_arg("posed", |posed| posed.required(true)))]
@@ -35,7 +35,7 @@ pub(crate) struct AddArgs {
     #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
     prefix: String,
     #[command(flatten)]
-    frame: FrameArgs,
+    coordinate_frame: CoordinateFrameArgs,
     #[command(flatten)]
     finish: FinishArgs,
     /// The map file to write. Default: the map itself.
@@ -53,7 +53,7 @@ pub(super) fn run(args: &AddArgs, ui: &Ui) -> Outcome {
     let extractors = args.features.extractors(&model.profile)?;
     let global = args.global.extractor(&args.features.models(), &model.profile)?;
     let mut input = posed_input.input().with_extractors(&extractors).with_prefix(&args.prefix);
-    input = input.on_other_frame(args.frame.on_other_frame());
+    input = input.on_other_coordinate_frame(args.coordinate_frame.on_other_coordinate_frame());
     if let Some(global) = &global {
         input = input.with_global(global);
     }
@@ -62,7 +62,7 @@ pub(super) fn run(args: &AddArgs, ui: &Ui) -> Outcome {
     edit.write(&model)?;
     let output = InfoOutput {
         json: args.json,
-        frame: report.frame,
+        coordinate_frame: report.coordinate_frame,
         skipped: report.skipped,
         warnings: report.warnings,
         ..InfoOutput::default()

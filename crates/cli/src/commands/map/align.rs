@@ -1,4 +1,4 @@
-//! `veiloc map align`: transforms a map to metres, north, gravity, or the frame of another map.
+//! `veiloc map align`: transforms a map to metres, north, gravity, or the coordinate frame of another map.
 
 use std::path::PathBuf;
 
@@ -17,10 +17,10 @@ use crate::output::stages::Stages;
 use crate::output::targets::OutFile;
 use crate::output::ui::Ui;
 
-/// Transform a map to another world frame: to metres, north and gravity, or to the frame of another map.
+/// Transform a map to another world frame: to metres, north and gravity, or to the coordinate frame of another map.
 ///
 /// Known positions determine a similarity (scale, rotation, translation); up to half of them may be wrong, and the distance of each
-/// one is printed. With GPS, the new frame is east, north, up in metres about the first image with GPS. The map tests itself again
+/// one is printed. With GPS, the new coordinate frame is east, north, up in metres about the first image with GPS. The map tests itself again
 /// at the end, because the calibration of its answers has lengths.
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("target").required(true))]
@@ -28,7 +28,7 @@ pub(crate) struct AlignArgs {
     /// The map.
     map: PathBuf,
     /// Align to known positions: lines `NAME X Y Z` (the centre of an image's camera) or `X Y Z X Y Z` (a point in the map, and in
-    /// the new frame), with commas or spaces; three or more that are not on a line.
+    /// the new coordinate frame), with commas or spaces; three or more that are not on a line.
     #[arg(long, value_name = "FILE", group = "target")]
     positions: Option<PathBuf>,
     /// Align to the camera positions of posed images, for example of an AR capture of the same images; any format that `map build
@@ -80,11 +80,11 @@ pub(super) fn run(args: &AlignArgs, ui: &Ui) -> Outcome {
         .print(edit.out, ui)
 }
 
-/// A transform to another frame.
+/// A transform to another coordinate frame.
 struct Found {
     similarity: Similarity3,
     info: AlignmentInfo,
-    /// Whether lengths of the new frame are metres, as far as known.
+    /// Whether lengths of the new coordinate frame are metres, as far as known.
     is_metric: bool,
 }
 
@@ -94,7 +94,7 @@ fn find(args: &AlignArgs, model: &MapModel, ui: &Ui) -> Result<Found, Failure> {
         let frame = align::align_to_map(model, &reference, &Stages::new(ui))?;
         return Ok(Found {
             similarity: frame.map_from_given,
-            info: AlignmentInfo::of_frame(&frame),
+            info: AlignmentInfo::of_coordinate_frame(&frame),
             is_metric: reference.is_metric,
         });
     }

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 use veiloc_mapping::align::{Alignment, KnownPosition};
-use veiloc_mapping::{OtherFrame, Similarity3};
+use veiloc_mapping::{OtherCoordinateFrame, Similarity3};
 use veiloc_report::significant;
 
 use crate::output::ui::Ui;
@@ -19,7 +19,7 @@ pub(super) struct AlignmentInfo {
     translation: [f64; 3],
     /// Root mean square of the distances of the positions that were used, new units; null if there were no positions.
     rms: Option<f64>,
-    /// Latitude and longitude (degrees) and altitude (metres) of the origin of a frame from GPS; null otherwise.
+    /// Latitude and longitude (degrees) and altitude (metres) of the origin of a coordinate frame from GPS; null otherwise.
     origin: Option<[f64; 3]>,
     /// The known positions.
     positions: Vec<PositionInfo>,
@@ -53,7 +53,7 @@ impl AlignmentInfo {
         }
     }
 
-    /// Of known positions; `origin`: of a frame from GPS.
+    /// Of known positions; `origin`: of a coordinate frame from GPS.
     pub(super) fn of_positions(
         alignment: &Alignment,
         positions: &[KnownPosition],
@@ -73,8 +73,8 @@ impl AlignmentInfo {
         }
     }
 
-    /// Of a common frame of two maps.
-    pub(super) fn of_frame(frame: &OtherFrame) -> Self {
+    /// Of a common coordinate frame of two maps.
+    pub(super) fn of_coordinate_frame(frame: &OtherCoordinateFrame) -> Self {
         Self { localized: Some(frame.localized), ..Self::of(&frame.map_from_given) }
     }
 

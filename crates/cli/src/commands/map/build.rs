@@ -7,8 +7,8 @@ use veiloc_mapping::NameIndex;
 use veiloc_mapping::build_cache::FolderCache;
 use veiloc_mapping::importers::hloc::{check_pair_name, read_pairs, write_pairs};
 
+use super::coordinate_frame::CoordinateFrameArgs;
 use super::facts::InfoOutput;
-use super::frame::FrameArgs;
 use super::output_args::OutputArgs;
 use super::posed_args::{PosedArgs, PosedInput};
 use super::remedy::with_remedy;
@@ -27,7 +27,7 @@ use crate::output::ui::Ui;
 ///
 /// Extracts features, matches overlapping images, checks the matches against the known poses, triangulates map points,
 /// localizes some of the map's own images as a self-test, and writes one file. A group of images whose poses are in
-/// another frame than the rest is refused, or its poses are transformed with --align. An existing map stays unchanged if the
+/// another coordinate frame than the rest is refused, or its poses are transformed with --align. An existing map stays unchanged if the
 /// build is interrupted, or if nothing can be localized in the new map.
 #[derive(clap::Args)]
 pub(crate) struct BuildArgs {
@@ -42,7 +42,7 @@ pub(crate) struct BuildArgs {
     #[command(flatten)]
     pairs: PairArgs,
     #[command(flatten)]
-    frame: FrameArgs,
+    coordinate_frame: CoordinateFrameArgs,
     /// Folder for features and matches. An interrupted build, or a build with more images, computes only what is
     /// missing. It contains the same data on the images as the map: protect it in the same way. Default: nothing is
     /// stored.
@@ -110,7 +110,7 @@ fn build_one(args: &BuildArgs, posed_input: &PosedInput<'_>, out: &Path, ui: &Ui
         Some(pairs) => posed_input.input().with_pairs(pairs),
         None => posed_input.input(),
     };
-    let input = input.on_other_frame(args.frame.on_other_frame());
+    let input = input.on_other_coordinate_frame(args.coordinate_frame.on_other_coordinate_frame());
     let cache = args.work.as_deref().map(|folder| FolderCache::in_folder(folder, &options)).transpose()?;
     let input = match &cache {
         Some(cache) => input.with_cache(cache),
@@ -132,7 +132,7 @@ fn build_one(args: &BuildArgs, posed_input: &PosedInput<'_>, out: &Path, ui: &Ui
         json: args.written.json,
         skipped: report.skipped,
         warnings: report.warnings,
-        frame: report.frame,
+        coordinate_frame: report.coordinate_frame,
         ..InfoOutput::default()
     };
     let outcome = output.print(out, ui)?;

@@ -6,10 +6,10 @@ use std::path::Path;
 use serde::Serialize;
 use veiloc_geometry::Intrinsics;
 use veiloc_map::MapFile;
-use veiloc_mapping::{BadImage, FrameReport, MapWarning, SkippedImages};
+use veiloc_mapping::{BadImage, CoordinateFrameReport, MapWarning, SkippedImages};
 
 use super::alignment::AlignmentInfo;
-use super::frame::{self, FrameInfo};
+use super::coordinate_frame::{self, CoordinateFrameInfo};
 use super::self_test::SelfTestInfo;
 use crate::output::exit::{Exit, Outcome};
 use crate::output::position::unit_of;
@@ -59,9 +59,9 @@ pub(crate) struct Info {
     region: Option<RegionInfo>,
     /// Result of the self-test; null if the map was not tested.
     self_test: Option<SelfTestInfo>,
-    /// Comparison of the poses of images with the frame of the map; absent if there was none.
+    /// Comparison of the poses of images with the coordinate frame of the map; absent if there was none.
     #[serde(skip_serializing_if = "Option::is_none")]
-    frame: Option<FrameInfo>,
+    coordinate_frame: Option<CoordinateFrameInfo>,
     /// The transform of the map by `map align`, or of the second map by `map merge`; absent for other commands.
     #[serde(skip_serializing_if = "Option::is_none")]
     alignment: Option<AlignmentInfo>,
@@ -165,7 +165,7 @@ pub(super) struct InfoOutput {
     pub(super) list: bool,
     pub(super) skipped: Vec<BadImage>,
     pub(super) warnings: Vec<MapWarning>,
-    pub(super) frame: Option<FrameReport>,
+    pub(super) coordinate_frame: Option<CoordinateFrameReport>,
     pub(super) alignment: Option<AlignmentInfo>,
 }
 
@@ -195,15 +195,15 @@ impl InfoOutput {
             warnings: warnings.iter().map(warning).collect(),
             skipped: self.skipped.iter().map(skipped).collect(),
             image_list: self.list.then_some(images),
-            frame: self.frame.as_ref().map(FrameInfo::of),
+            coordinate_frame: self.coordinate_frame.as_ref().map(CoordinateFrameInfo::of),
             alignment: self.alignment,
             ..facts(&map, path)
         };
         if !self.skipped.is_empty() {
             ui.info(SkippedImages(self.skipped));
         }
-        if let Some(frame) = &self.frame {
-            frame::print(frame, ui);
+        if let Some(frame) = &self.coordinate_frame {
+            coordinate_frame::print(frame, ui);
         }
         for warning in &info.warnings {
             ui.warning(&warning.message);
@@ -250,7 +250,7 @@ fn facts(map: &MapFile, path: &Path) -> Info {
             .part_of()
             .map(|region| RegionInfo { core_images: region.core_count(), map_images: region.images }),
         self_test: map.self_test().map(SelfTestInfo::of),
-        frame: None,
+        coordinate_frame: None,
         alignment: None,
         warnings: Vec::new(),
         skipped: Vec::new(),

@@ -12,7 +12,7 @@ use super::posed_args::BadImageArgs;
 use super::remedy::{REMEDY_OF_IMPORT, with_remedy};
 use super::self_test::FinishArgs;
 use crate::args::extraction_args::ExtractionArgs;
-use crate::commands::frame_check::FrameCheckArgs;
+use crate::commands::coordinate_frame_check::CoordinateFrameCheckArgs;
 use crate::commands::posed::warn_of;
 use crate::output::exit::{Failure, Outcome};
 use crate::output::stages::Stages;
@@ -30,7 +30,7 @@ pub(crate) struct ImportArgs {
     #[arg(long, value_name = "DIR")]
     images: PathBuf,
     #[command(flatten)]
-    check: FrameCheckArgs,
+    check: CoordinateFrameCheckArgs,
     #[command(flatten)]
     bad: BadImageArgs,
     #[command(flatten)]
@@ -48,10 +48,10 @@ pub(super) fn run(args: &ImportArgs, ui: &Ui) -> Outcome {
     let posed = PosedImages::from(&colmap);
     let input = Input::new(&posed, &args.images)
         .on_bad_image(args.bad.on_bad_image())
-        .on_other_frame(args.check.on_other_frame());
+        .on_other_coordinate_frame(args.check.on_other_coordinate_frame());
     let imported = veiloc_mapping::import(&colmap, &input, &options, &Stages::new(ui));
     let (mut model, mut report) = imported.map_err(|error| match error {
-        MappingError::OtherFrame { .. } => Failure::with_help(error, REMEDY_OF_IMPORT),
+        MappingError::OtherCoordinateFrame { .. } => Failure::with_help(error, REMEDY_OF_IMPORT),
         error => with_remedy(error),
     })?;
     model.down = args.written.down;
@@ -61,7 +61,7 @@ pub(super) fn run(args: &ImportArgs, ui: &Ui) -> Outcome {
     veiloc_map::write(&model, &args.written.out)?;
     let output = InfoOutput {
         json: args.written.json,
-        frame: report.frame,
+        coordinate_frame: report.coordinate_frame,
         skipped: report.skipped,
         warnings: report.warnings,
         ..InfoOutput::default()

@@ -15,7 +15,7 @@ use crate::output::stages::Stages;
 use crate::output::targets::OutFile;
 use crate::output::ui::Ui;
 
-/// Merge two maps that show a common part: the images of the second join the first, in its frame.
+/// Merge two maps that show a common part: the images of the second join the first, in its coordinate frame.
 ///
 /// Up to 50 images of each map are localized in the other. More than half of those that are localized must agree on one similarity
 /// (scale, rotation, translation); it is applied to the poses of the second map, and points are triangulated again where images
@@ -24,7 +24,7 @@ use crate::output::ui::Ui;
 /// too few images are localized in the other direction, the maps are not merged: the ± of poses would not include that error.
 #[derive(clap::Args)]
 pub(crate) struct MergeArgs {
-    /// The map whose frame and profile stay.
+    /// The map whose coordinate frame and profile stay.
     map: PathBuf,
     /// The map whose images join it.
     other: PathBuf,
@@ -52,13 +52,13 @@ pub(super) fn run(args: &MergeArgs, ui: &Ui) -> Outcome {
     let loose = report.build.warnings.iter().find(|warning| matches!(warning, MapWarning::LooseMerge { .. }));
     if let Some(loose) = loose.filter(|_| !args.keep_loose) {
         return Err(Failure::with_help(
-            format!("{}: {}\n{loose}", args.other.display(), report.frame),
+            format!("{}: {}\n{loose}", args.other.display(), report.coordinate_frame),
             "merge them nevertheless with --keep-loose",
         ));
     }
     args.finish.finish(&mut model, &mut report.build.warnings, edit.out, ui)?;
     edit.write(&model)?;
-    ui.info(format_args!("{}: {}", args.other.display(), report.frame));
+    ui.info(format_args!("{}: {}", args.other.display(), report.coordinate_frame));
     if let (Some(inverse), Some(closure)) = (&report.inverse, report.closure) {
         ui.info(format_args!(
             "Checked in the other direction: {} images localized, camera centres there and back {} {} apart in the median",
@@ -70,7 +70,7 @@ pub(super) fn run(args: &MergeArgs, ui: &Ui) -> Outcome {
     let output = InfoOutput {
         json: args.json,
         warnings: report.build.warnings,
-        alignment: Some(AlignmentInfo::of_frame(&report.frame)),
+        alignment: Some(AlignmentInfo::of_coordinate_frame(&report.coordinate_frame)),
         ..InfoOutput::default()
     };
     output.print(edit.out, ui)

@@ -8,7 +8,7 @@ use veiloc_geometry::Intrinsics;
 use veiloc_localization::LocalizeOptions;
 use veiloc_map::PosedImages;
 use veiloc_map::regions::SplitOptions;
-use veiloc_mapping::{BuildOptions, Input, OnOtherFrame, image_file, mask_file};
+use veiloc_mapping::{BuildOptions, Input, OnOtherCoordinateFrame, image_file, mask_file};
 use veiloc_obfuscation::audit::options_for;
 use veiloc_obfuscation::{KnownCamera, SealError, SealOptions, Sealer};
 use veiloc_pose::ScoreKind;
@@ -40,7 +40,7 @@ pub struct SceneEvaluation {
     /// How the map is built.
     pub build: BuildOptions,
     /// Treatment of map images whose poses are in another frame than the rest.
-    pub on_other_frame: OnOtherFrame,
+    pub on_other_coordinate_frame: OnOtherCoordinateFrame,
     /// Factor by which the map is compressed; `None`: not compressed.
     pub compress: Option<f64>,
     /// How the map is split into regions; each query is then localized in up to three of them, as by a gateway.
@@ -95,7 +95,7 @@ impl SceneEvaluation {
             unposed: Vec::new(),
             keep_map: None,
             build: BuildOptions::default(),
-            on_other_frame: OnOtherFrame::Refuse,
+            on_other_coordinate_frame: OnOtherCoordinateFrame::Refuse,
             compress: None,
             regions: None,
             schemes: vec![Scheme::default()],
@@ -126,7 +126,9 @@ impl SceneEvaluation {
 
     /// The input of a map of these images.
     pub(crate) fn map_input<'a>(&'a self, names: &'a [String]) -> Input<'a> {
-        Input::new(&self.posed, &self.images).with_names(names).on_other_frame(self.on_other_frame)
+        Input::new(&self.posed, &self.images)
+            .with_names(names)
+            .on_other_coordinate_frame(self.on_other_coordinate_frame)
     }
 
     /// The mask of a query, if queries have masks.

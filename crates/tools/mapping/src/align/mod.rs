@@ -1,4 +1,4 @@
-//! Aligns a map to another world frame: metres, north, gravity, or the frame of another map.
+//! Aligns a map to another world frame: metres, north, gravity, or the coordinate frame of another map.
 //!
 //! - [`align_to_positions`]: the similarity that fits known positions of images or points; robust against wrong ones.
 //! - [`read_positions`]: such positions from a file. [`gps_positions`]: from GPS in the EXIF of the images.
@@ -15,9 +15,9 @@ use veiloc_map::{GravityDirection, MapModel};
 pub use self::gps::gps_positions;
 pub use self::positions::read_positions;
 use crate::compress::refuse_compressed;
+use crate::coordinate_frames::OtherCoordinateFrame;
+use crate::coordinate_frames::{MAX_TESTED, Similarity3, common_coordinate_frame};
 use crate::error::MappingError;
-use crate::frames::OtherFrame;
-use crate::frames::{MAX_TESTED, Similarity3, common_frame};
 use crate::progress::Progress;
 
 /// A position in a map, and where it is known to be.
@@ -27,7 +27,7 @@ pub struct KnownPosition {
     pub name: String,
     /// The position in the map, map units.
     pub in_map: Vector3<f64>,
-    /// The position in the new frame.
+    /// The position in the new coordinate frame.
     pub known: Vector3<f64>,
 }
 
@@ -70,7 +70,7 @@ pub fn align_to_positions(positions: &[KnownPosition]) -> Result<Alignment, Mapp
     let mut best: Option<(f64, Similarity3)> = None;
     for sample in samples(all.len()) {
         let Some(found) = closed_form(&sample.map(|i| all[i])) else { continue };
-        let median = crate::frames::median(distances(&found));
+        let median = crate::coordinate_frames::median(distances(&found));
         if best.is_none_or(|(least, _)| median < least) {
             best = Some((median, found));
         }
@@ -135,7 +135,7 @@ fn samples(count: usize) -> Vec<[usize; 3]> {
     (0..count).flat_map(all).step_by(step).collect()
 }
 
-/// The similarity from a map's frame to that of another map of the same place, by localizing its images in the other.
+/// The similarity from a map's coordinate frame to that of another map of the same place, by localizing its images in the other.
 ///
 /// # Errors
 /// [`MappingError::Alignment`]: fewer than three images are localized, or they do not agree on one similarity. Both maps
@@ -144,8 +144,8 @@ pub fn align_to_map(
     model: &MapModel,
     reference: &MapModel,
     progress: &dyn Progress,
-) -> Result<OtherFrame, MappingError> {
-    common_frame(model, reference, MAX_TESTED, progress)
+) -> Result<OtherCoordinateFrame, MappingError> {
+    common_coordinate_frame(model, reference, MAX_TESTED, progress)
 }
 
 /// The rotation that makes the direction of gravity −z.
@@ -189,7 +189,7 @@ pub fn level(model: &MapModel, down: Option<GravityDirection>) -> Result<Level, 
         let below: f64 = axis(1).map(|y| y.dot(&found)).sum();
         let down = if below < 0.0 { -found } else { found };
         let tilts = axis(0).map(|x| x.dot(&down).clamp(-1.0, 1.0).asin().to_degrees().abs());
-        (down, Some(crate::frames::median(tilts.collect())))
+        (down, Some(crate::coordinate_frames::median(tilts.collect())))
     };
     let rotation = UnitQuaternion::rotation_between(&down, &-Vector3::z())
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));

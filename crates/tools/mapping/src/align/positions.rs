@@ -3,8 +3,8 @@
 //! Fields are separated by commas or white space, `#` begins a comment:
 //!
 //! ```text
-//! walk/a.jpg, 12.50, 3.25, 1.60          the centre of an image's camera, in the new frame
-//! 0.51 -0.20 4.02  12.50 3.25 1.60       a point in the map, and in the new frame
+//! walk/a.jpg, 12.50, 3.25, 1.60          the centre of an image's camera, in the new coordinate frame
+//! 0.51 -0.20 4.02  12.50 3.25 1.60       a point in the map, and in the new coordinate frame
 //! ```
 
 use std::path::Path;
@@ -50,8 +50,9 @@ pub fn read_positions(
         }
         // A name may contain spaces.
         let at = line.words.len().checked_sub(3).filter(|at| *at > 0);
-        let at =
-            at.ok_or_else(|| line.fault("write NAME X Y Z, or X Y Z in the map and X Y Z in the new frame"))?;
+        let at = at.ok_or_else(|| {
+            line.fault("write NAME X Y Z, or X Y Z in the map and X Y Z in the new coordinate frame")
+        })?;
         let name = line.words[..at].join(if has_commas { "," } else { " " });
         let known = Vector3::from(line.numbers::<3>(at, "a known position")?);
         match index.get(&name) {

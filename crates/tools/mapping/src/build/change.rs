@@ -13,12 +13,12 @@ use crate::build::report::{BuildReport, MapWarning};
 use crate::build::vocabulary::learn;
 use crate::build::{append_images, match_images};
 use crate::compress::refuse_compressed;
+use crate::coordinate_frames::{CoordinateFrameReport, MAX_TESTED, ReferenceMap, refused};
 use crate::error::MappingError;
-use crate::frames::{FrameReport, MAX_TESTED, ReferenceMap, refused};
 use crate::input::cache::BuildCache;
 use crate::input::image_names::NameIndex;
 use crate::input::options::for_images;
-use crate::input::{Input, OnOtherFrame};
+use crate::input::{Input, OnOtherCoordinateFrame};
 use crate::progress::Progress;
 use crate::triangulation::complete::grow;
 use crate::triangulation::hold_out::drop_images;
@@ -32,12 +32,12 @@ use crate::triangulation::scene::Scene;
 /// refined, and new points are appended; all other points, the vocabulary and the profile stay bit-identical. An error
 /// leaves the map unchanged.
 ///
-/// Before they join, the images are localized in the map: groups whose poses are in another frame are refused, or
-/// transformed ([`Input::on_other_frame`]). This needs memory for a copy of the map's file.
+/// Before they join, the images are localized in the map: groups whose poses are in another coordinate frame are refused, or
+/// transformed ([`Input::on_other_coordinate_frame`]). This needs memory for a copy of the map's file.
 ///
 /// # Errors
 /// [`MappingError`] as for [`build`](crate::build), if an image is already in the map, and
-/// [`MappingError::OtherFrame`].
+/// [`MappingError::OtherCoordinateFrame`].
 pub fn add(
     model: &mut MapModel,
     input: &Input<'_>,
@@ -61,9 +61,9 @@ pub fn add(
     let ExtractionResult { images, features, skipped } =
         extract_all(checked, extractor_pair, model.settings.extraction, progress)?;
     let before = (model.images.len(), model.cameras.len());
-    let reference = match input.other_frame() {
-        OnOtherFrame::Accept => None,
-        OnOtherFrame::Refuse | OnOtherFrame::Align => ReferenceMap::of(model)?,
+    let reference = match input.other_coordinate_frame() {
+        OnOtherCoordinateFrame::Accept => None,
+        OnOtherCoordinateFrame::Refuse | OnOtherCoordinateFrame::Align => ReferenceMap::of(model)?,
     };
     append_images(model, &images, features)?;
     let frame = match reference.map(|reference| in_frame_of(&reference, model, before.0, input, progress)) {
@@ -81,7 +81,7 @@ pub fn add(
     let mut report = BuildReport::of(model, images.len(), skipped, edges.matches, edges.verified.len());
     explain(&mut report, model);
     report.warnings.extend(frame.iter().flat_map(MapWarning::of_frame));
-    report.frame = frame;
+    report.coordinate_frame = frame;
     Ok(report)
 }
 
@@ -92,10 +92,10 @@ fn in_frame_of(
     before: usize,
     input: &Input<'_>,
     progress: &dyn Progress,
-) -> Result<FrameReport, MappingError> {
+) -> Result<CoordinateFrameReport, MappingError> {
     let images: Vec<usize> = (before..model.images.len()).collect();
     let (mut report, groups) = reference.compare(model, &images, MAX_TESTED, progress);
-    if input.other_frame() == OnOtherFrame::Refuse && !groups.is_empty() {
+    if input.other_coordinate_frame() == OnOtherCoordinateFrame::Refuse && !groups.is_empty() {
         return Err(refused(groups));
     }
     let wrong = &report.disagreeing;
@@ -105,7 +105,7 @@ fn in_frame_of(
     for group in &groups {
         group.align(model);
     }
-    report.aligned = groups.into_iter().map(|group| group.frame).collect();
+    report.aligned = groups.into_iter().map(|group| group.coordinate_frame).collect();
     Ok(report)
 }
 

@@ -14,12 +14,12 @@ use crate::build::diagnose::diagnose;
 use crate::build::extract::{ExtractionResult, ExtractorPair, extract_each};
 use crate::build::report::{MapWarning, warnings_about};
 use crate::build::{append_images, profile};
+use crate::coordinate_frames::{CoordinateFrameReport, compare_groups, refused};
 use crate::error::MappingError;
-use crate::frames::{FrameReport, compare_groups, refused};
 use crate::input::bad_image::BadImage;
 use crate::input::cache::ExtractedFeatures;
 use crate::input::options::BuildOptions;
-use crate::input::{Input, OnOtherFrame};
+use crate::input::{Input, OnOtherCoordinateFrame};
 use crate::progress::Progress;
 use crate::triangulation::complete::Grid;
 
@@ -50,7 +50,7 @@ pub struct ImportReport {
     /// Mean reprojection error of the map: detected keypoints against COLMAP's points, pixels.
     pub map_error_px: f64,
     /// Result of the comparison of groups of images with the rest; `None` if no group is linked weakly to it.
-    pub frame: Option<FrameReport>,
+    pub coordinate_frame: Option<CoordinateFrameReport>,
     /// Reasons why the map may be unusable; empty if none was found.
     pub warnings: Vec<MapWarning>,
 }
@@ -84,8 +84,8 @@ impl fmt::Display for ImportReport {
 ///
 /// # Errors
 /// [`MappingError`]: a model without images, unusable images, no keypoints, no point with a keypoint near one of its
-/// observations, or a group of images whose poses are in another frame than the rest ([`MappingError::OtherFrame`],
-/// unless [`Input::on_other_frame`] accepts it; the points of the model cannot be aligned).
+/// observations, or a group of images whose poses are in another coordinate frame than the rest ([`MappingError::OtherCoordinateFrame`],
+/// unless [`Input::on_other_coordinate_frame`] accepts it; the points of the model cannot be aligned).
 pub fn import(
     colmap: &ColmapModel,
     input: &Input<'_>,
@@ -134,13 +134,13 @@ pub fn import(
         return Err(MappingError::NothingImported { points: colmap.points().len() });
     }
     let mut report = report(colmap, &model, joined.iter().map(|j| j.observations).sum(), skipped);
-    if input.other_frame() != OnOtherFrame::Accept {
+    if input.other_coordinate_frame() != OnOtherCoordinateFrame::Accept {
         let (frame, groups) = compare_groups(&model, progress)?;
         if !groups.is_empty() {
             return Err(refused(groups));
         }
         report.warnings.extend(frame.iter().filter(|f| f.localized > 0).flat_map(MapWarning::of_frame));
-        report.frame = frame;
+        report.coordinate_frame = frame;
     }
     Ok((model, report))
 }
@@ -281,7 +281,7 @@ fn report(
         recomputed_error_px: errors.iter().map(|e| e.1).sum::<f64>() / count,
         errors_equal: equal as f64 / count,
         map_error_px: model.mean_reprojection_error(),
-        frame: None,
+        coordinate_frame: None,
         warnings,
     }
 }

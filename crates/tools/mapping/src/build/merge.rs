@@ -1,4 +1,4 @@
-//! Merges two maps of one place: the images of one are localized in the other, and join it in its frame.
+//! Merges two maps of one place: the images of one are localized in the other, and join it in its coordinate frame.
 
 use veiloc_map::{MapModel, PosedImage};
 
@@ -8,8 +8,8 @@ use crate::build::diagnose::explain;
 use crate::build::report::{BuildReport, MapWarning};
 use crate::calibration::run::scale;
 use crate::compress::refuse_compressed;
+use crate::coordinate_frames::{MAX_TESTED, OtherCoordinateFrame, common_coordinate_frame};
 use crate::error::MappingError;
-use crate::frames::{MAX_TESTED, OtherFrame, common_frame};
 use crate::input::cache::ExtractedFeatures;
 use crate::progress::Progress;
 
@@ -20,14 +20,14 @@ pub struct MergeReport {
     /// Facts and warnings about the merged map.
     pub build: BuildReport,
     /// The transform of the second map's poses, and how many of its images agree on it.
-    pub frame: OtherFrame,
+    pub coordinate_frame: OtherCoordinateFrame,
     /// The same in the other direction: the first map's images localized in the second map. Its transform is the inverse.
-    pub inverse: Option<OtherFrame>,
+    pub inverse: Option<OtherCoordinateFrame>,
     /// Distance between what the two directions make of the second map's camera centres, the median, map units.
     pub closure: Option<f64>,
 }
 
-/// Adds all images of another map to a map, in the map's frame. Their stored features are used, so no image is read; points of
+/// Adds all images of another map to a map, in the map's coordinate frame. Their stored features are used, so no image is read; points of
 /// both are triangulated again where images of both see them. The profile of the map stays, so queries that are sealed for it
 /// remain valid. `prefix` is put before the names of the other map's images. An error leaves the map unchanged.
 ///
@@ -50,15 +50,15 @@ pub fn merge(
     {
         return Err(MappingError::DuplicateName { name: prefixed(&twice.name) });
     }
-    let frame = common_frame(other, model, MAX_TESTED, progress)?;
-    let inverse = common_frame(model, other, MAX_TESTED, progress).ok();
+    let frame = common_coordinate_frame(other, model, MAX_TESTED, progress)?;
+    let inverse = common_coordinate_frame(model, other, MAX_TESTED, progress).ok();
     let closure = inverse.as_ref().map(|inverse| {
         let there_and_back = other.images.iter().map(|image| {
             let center = image.cam_from_world.center().coords;
             let back = inverse.map_from_given.transform(&frame.map_from_given.transform(&center));
             frame.map_from_given.scale * (back - center).norm()
         });
-        crate::frames::median(there_and_back.collect())
+        crate::coordinate_frames::median(there_and_back.collect())
     });
     let posed: Vec<PosedImage> = other
         .images
@@ -81,5 +81,5 @@ pub fn merge(
     let mut build = BuildReport::of(model, posed.len(), Vec::new(), edges.matches, edges.verified.len());
     explain(&mut build, model);
     build.warnings.extend(MapWarning::of_merge(frame.localized, closure, scale(model)));
-    Ok(MergeReport { build, frame, inverse, closure })
+    Ok(MergeReport { build, coordinate_frame: frame, inverse, closure })
 }

@@ -21,11 +21,11 @@ use crate::build::diagnose::{diagnose, explain};
 use crate::build::extract::{ExtractionResult, ExtractorPair, extract_all};
 use crate::build::report::{BuildReport, MapWarning};
 use crate::build::vocabulary::learn;
+use crate::coordinate_frames::{CoordinateFrameReport, compare_groups, refused};
 use crate::error::MappingError;
-use crate::frames::{FrameReport, compare_groups, refused};
 use crate::input::cache::{BuildCache, ExtractedFeatures};
 use crate::input::options::{BuildOptions, for_images};
-use crate::input::{Input, OnOtherFrame};
+use crate::input::{Input, OnOtherCoordinateFrame};
 use crate::progress::Progress;
 use crate::triangulation::complete::grow;
 use crate::triangulation::matching::{Edge, Edges, match_pairs};
@@ -41,8 +41,8 @@ use crate::triangulation::triangulate::{nearest_to_both_rays, widest_angle_deg};
 /// # Errors
 /// [`MappingError`]: features of an unknown kind, no images, unusable images (all are named: duplicate, without pose or
 /// without file before any computation; unreadable or not of their camera's size when they are read), no keypoints, or
-/// no triangulated point, or a group of images whose poses are in another frame than the rest
-/// ([`MappingError::OtherFrame`], [`Input::on_other_frame`]).
+/// no triangulated point, or a group of images whose poses are in another coordinate frame than the rest
+/// ([`MappingError::OtherCoordinateFrame`], [`Input::on_other_coordinate_frame`]).
 pub fn build(
     input: &Input<'_>,
     options: &BuildOptions,
@@ -61,36 +61,36 @@ pub fn build(
 
     let given_pairs = input.pairs_of(&images)?;
     let mut seeds = seeds_of(input.posed(), &images);
-    let mut frame: Option<FrameReport> = None;
+    let mut frame: Option<CoordinateFrameReport> = None;
     let MatchResult { edges, pairs } = loop {
         let matched =
             triangulate_all(&mut model, given_pairs.clone(), seeds.clone(), input.cache(), progress)?;
-        if input.other_frame() == OnOtherFrame::Accept {
+        if input.other_coordinate_frame() == OnOtherCoordinateFrame::Accept {
             break matched;
         }
         let (compared, groups) = compare_groups(&model, progress)?;
         frame = match (compared, frame.take()) {
-            (Some(now), Some(before)) => Some(FrameReport { aligned: before.aligned, ..now }),
+            (Some(now), Some(before)) => Some(CoordinateFrameReport { aligned: before.aligned, ..now }),
             (now, before) => now.or(before),
         };
         let aligned = frame.as_ref().map_or(0, |report| report.aligned.len());
         if groups.is_empty() {
             break matched;
         }
-        if input.other_frame() == OnOtherFrame::Refuse || aligned >= MAX_ALIGNED_GROUPS {
+        if input.other_coordinate_frame() == OnOtherCoordinateFrame::Refuse || aligned >= MAX_ALIGNED_GROUPS {
             return Err(refused(groups));
         }
         for group in groups {
             group.align(&mut model);
             // Points of the posed images are in their frame.
             group.images.iter().for_each(|image| seeds[*image].clear());
-            frame.get_or_insert_default().aligned.push(group.frame);
+            frame.get_or_insert_default().aligned.push(group.coordinate_frame);
         }
     };
     let mut report = BuildReport::of(&model, images.len(), skipped, edges.matches, edges.verified.len());
     explain(&mut report, &model);
     report.warnings.extend(frame.iter().filter(|f| f.localized > 0).flat_map(MapWarning::of_frame));
-    report.frame = frame;
+    report.coordinate_frame = frame;
     let name = |index: u32| images[index as usize].name.clone();
     report.pairs = pairs.into_iter().map(|(a, b)| (name(a), name(b))).collect();
     Ok((model, report))

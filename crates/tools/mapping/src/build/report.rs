@@ -6,7 +6,7 @@ use veiloc_map::{MapModel, SelfTest};
 
 use crate::calibration::SelfTestTrial;
 use crate::calibration::run::MIN_ALIKE;
-use crate::frames::FrameReport;
+use crate::coordinate_frames::CoordinateFrameReport;
 use crate::input::bad_image::BadImage;
 
 /// Result of building a map, or of adding images to one.
@@ -23,8 +23,8 @@ pub struct BuildReport {
     pub verified: usize,
     /// The matched image pairs, in the order of the images; empty for an imported map and for added images.
     pub pairs: Vec<(String, String)>,
-    /// Comparison of the poses with the frame of the map; `None` if there was nothing to compare.
-    pub frame: Option<FrameReport>,
+    /// Comparison of the poses with the coordinate frame of the map; `None` if there was nothing to compare.
+    pub coordinate_frame: Option<CoordinateFrameReport>,
     /// Reasons why the map may be unusable; empty if none was found.
     pub warnings: Vec<MapWarning>,
 }
@@ -39,7 +39,7 @@ impl BuildReport {
     ) -> Self {
         let mut warnings = MapWarning::of_matches(matches, verified);
         warnings.extend(warnings_about(model));
-        Self { images, skipped, matches, verified, pairs: Vec::new(), frame: None, warnings }
+        Self { images, skipped, matches, verified, pairs: Vec::new(), coordinate_frame: None, warnings }
     }
 }
 
@@ -84,8 +84,8 @@ pub enum MapWarning {
         /// An image each of two such places, for up to three pairs of places.
         examples: Vec<[String; 2]>,
     },
-    /// Whether images are in the map's frame is not known: none of them was localized in the map without them.
-    FrameUnknown {
+    /// Whether images are in the map's coordinate frame is not known: none of them was localized in the map without them.
+    CoordinateFrameUnknown {
         /// Number of images.
         images: usize,
     },
@@ -197,9 +197,10 @@ impl MapWarning {
         })
     }
 
-    /// Returns the warnings that follow from a comparison of poses with the frame of a map.
-    pub(crate) fn of_frame(report: &FrameReport) -> Vec<Self> {
-        let unknown = (report.localized == 0).then_some(Self::FrameUnknown { images: report.tested });
+    /// Returns the warnings that follow from a comparison of poses with the coordinate frame of a map.
+    pub(crate) fn of_frame(report: &CoordinateFrameReport) -> Vec<Self> {
+        let unknown =
+            (report.localized == 0).then_some(Self::CoordinateFrameUnknown { images: report.tested });
         let images = report.disagreeing.len() + report.near.len();
         let disagree = (images > 0).then_some(Self::PosesDisagree { images, of: report.localized });
         unknown.into_iter().chain(disagree).collect()
@@ -231,7 +232,7 @@ impl MapWarning {
             Self::BlindImages { .. } => "blind-images",
             Self::SelfTest { .. } => "self-test",
             Self::PlacesLookAlike { .. } => "places-look-alike",
-            Self::FrameUnknown { .. } => "frame-unknown",
+            Self::CoordinateFrameUnknown { .. } => "coordinate-frame-unknown",
             Self::PosesDisagree { .. } => "poses-disagree",
             Self::LooseMerge { .. } => "loose-merge",
             Self::LikelyCause { fault, .. } => match fault {
@@ -271,10 +272,10 @@ impl fmt::Display for MapWarning {
                     pairs.join("; ")
                 );
             }
-            Self::FrameUnknown { images } => {
+            Self::CoordinateFrameUnknown { images } => {
                 return write!(
                     f,
-                    "whether the poses of {images} images are in the frame of the map could not be checked: \
+                    "whether the poses of {images} images are in the coordinate frame of the map could not be checked: \
                      none of these images was localized in the map without them"
                 );
             }

@@ -28,18 +28,18 @@ pub struct Input<'a> {
     cache: Option<&'a dyn BuildCache>,
     pairs: Option<&'a [(String, String)]>,
     prefix: &'a str,
-    on_other_frame: OnOtherFrame,
+    on_other_coordinate_frame: OnOtherCoordinateFrame,
 }
 
-/// Treatment of images whose poses are in another frame than the rest of the map.
+/// Treatment of images whose poses are in another coordinate frame than the rest of the map.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum OnOtherFrame {
+pub enum OnOtherCoordinateFrame {
     /// Nothing is changed, and the error names them with the distance.
     #[default]
     Refuse,
-    /// Their poses are transformed to the frame of the map, and the report has the transform.
+    /// Their poses are transformed to the coordinate frame of the map, and the report has the transform.
     Align,
-    /// Frames are not compared. For places that look alike: images of another floor of a building may be localized,
+    /// Coordinate frames are not compared. For places that look alike: images of another floor of a building may be localized,
     /// wrongly, on a floor that is in the map.
     Accept,
 }
@@ -67,7 +67,7 @@ impl<'a> Input<'a> {
             cache: None,
             pairs: None,
             prefix: "",
-            on_other_frame: OnOtherFrame::Refuse,
+            on_other_coordinate_frame: OnOtherCoordinateFrame::Refuse,
         }
     }
 
@@ -117,14 +117,14 @@ impl<'a> Input<'a> {
         Self { prefix, ..self }
     }
 
-    /// Sets the treatment of images whose poses are in another frame than the rest of the map.
+    /// Sets the treatment of images whose poses are in another coordinate frame than the rest of the map.
     #[must_use]
-    pub const fn on_other_frame(self, on_other_frame: OnOtherFrame) -> Self {
-        Self { on_other_frame, ..self }
+    pub const fn on_other_coordinate_frame(self, on_other_coordinate_frame: OnOtherCoordinateFrame) -> Self {
+        Self { on_other_coordinate_frame, ..self }
     }
 
-    pub(crate) const fn other_frame(&self) -> OnOtherFrame {
-        self.on_other_frame
+    pub(crate) const fn other_coordinate_frame(&self) -> OnOtherCoordinateFrame {
+        self.on_other_coordinate_frame
     }
 
     pub(crate) const fn prefix(&self) -> &'a str {

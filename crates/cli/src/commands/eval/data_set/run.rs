@@ -7,7 +7,7 @@ use veiloc_evaluation::results::{
 };
 use veiloc_evaluation::{SceneEvaluation, evaluate_scene};
 use veiloc_map::{PosedImage, PosedImages};
-use veiloc_mapping::OnOtherFrame;
+use veiloc_mapping::OnOtherCoordinateFrame;
 use veiloc_report::LengthUnit;
 
 use super::options::{Args, cores};
@@ -115,7 +115,7 @@ fn scene_evaluation(scene: &DatasetScene, args: &Args) -> Result<SceneEvaluation
         unposed: unknown.iter().map(|query| (query.name.clone(), query.camera)).collect(),
         build: args.build()?,
         // All poses of a data set are in one frame; some of its places look alike.
-        on_other_frame: OnOtherFrame::Accept,
+        on_other_coordinate_frame: OnOtherCoordinateFrame::Accept,
         schemes,
         estimators: vec![estimator],
         thresholds: args.thresholds(),

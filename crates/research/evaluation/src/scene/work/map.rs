@@ -28,7 +28,7 @@ impl Work {
         key.text(&build.features);
         key.debug(&build.settings);
         key.debug(&build.device);
-        key.debug(&evaluation.on_other_frame);
+        key.debug(&evaluation.on_other_coordinate_frame);
         key.debug(&down.map(|down| down.in_world()));
         key.behaviour(evaluation)?;
         for point in evaluation.posed.points() {

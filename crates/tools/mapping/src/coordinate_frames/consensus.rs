@@ -1,4 +1,4 @@
-//! Compares given with localized poses of images, and finds the groups whose poses are in another frame.
+//! Compares given with localized poses of images, and finds the groups whose poses are in another coordinate frame.
 
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::deviations::{position_sd, rotation_sd_degrees};
@@ -60,9 +60,9 @@ impl Comparison {
     }
 }
 
-/// Images whose given poses agree on another frame.
+/// Images whose given poses agree on another coordinate frame.
 #[derive(Debug, Clone)]
-pub(crate) struct FoundFrame {
+pub(crate) struct FoundCoordinateFrame {
     /// Indices into the comparisons.
     pub(crate) members: Vec<usize>,
     pub(crate) fit: Fit,
@@ -77,15 +77,15 @@ pub(crate) struct FoundFrame {
 pub(crate) struct Comparisons {
     /// Images whose poses agree; indices into the comparisons.
     pub(crate) agreeing: Vec<usize>,
-    /// Groups in another frame, the largest first.
-    pub(crate) frames: Vec<FoundFrame>,
-    /// Images that agree on another frame that is only a little away.
+    /// Groups in another coordinate frame, the largest first.
+    pub(crate) frames: Vec<FoundCoordinateFrame>,
+    /// Images that agree on another coordinate frame that is only a little away.
     pub(crate) near: Vec<usize>,
     /// Images whose poses are wrong or localized wrongly, each for itself.
     pub(crate) disagreeing: Vec<usize>,
 }
 
-/// Finds the images that agree with the map's frame, and the groups that agree on another one. `scale`: the typical
+/// Finds the images that agree with the map's coordinate frame, and the groups that agree on another one. `scale`: the typical
 /// distance of observed points, map units.
 pub(crate) fn compare(comparisons: &[Comparison], scale: f64) -> Comparisons {
     let identity = Similarity3::identity();
@@ -100,7 +100,7 @@ pub(crate) fn compare(comparisons: &[Comparison], scale: f64) -> Comparisons {
         }
         rest.retain(|i| !members.contains(i));
         let frame = frame_of(comparisons, members, found);
-        if is_other_frame(comparisons, &frame, scale) {
+        if is_other_coordinate_frame(comparisons, &frame, scale) {
             result.frames.push(frame);
         } else {
             result.near.extend(frame.members);
@@ -112,7 +112,7 @@ pub(crate) fn compare(comparisons: &[Comparison], scale: f64) -> Comparisons {
 }
 
 /// Whether the frame differs from the map's by much more than the uncertainty and by a relevant amount.
-fn is_other_frame(comparisons: &[Comparison], frame: &FoundFrame, scale: f64) -> bool {
+fn is_other_coordinate_frame(comparisons: &[Comparison], frame: &FoundCoordinateFrame, scale: f64) -> bool {
     let identity = Similarity3::identity();
     let deviations = median(frame.members.iter().map(|i| comparisons[*i].deviations(&identity)).collect());
     let found = &frame.fit.map_from_given;
@@ -120,7 +120,7 @@ fn is_other_frame(comparisons: &[Comparison], frame: &FoundFrame, scale: f64) ->
         && (frame.distance >= MIN_DISTANCE * scale || found.angle_deg() >= MIN_ANGLE_DEG)
 }
 
-fn frame_of(comparisons: &[Comparison], members: Vec<usize>, found: Fit) -> FoundFrame {
+fn frame_of(comparisons: &[Comparison], members: Vec<usize>, found: Fit) -> FoundCoordinateFrame {
     let moved = |i: &usize| {
         let given = &comparisons[*i].pair.given;
         given.translation_error(&found.map_from_given.transform_pose(given))
@@ -128,7 +128,7 @@ fn frame_of(comparisons: &[Comparison], members: Vec<usize>, found: Fit) -> Foun
     // More scatter than the covariances explain makes the mean less certain.
     let squares = members.iter().map(|i| comparisons[*i].deviations(&found.map_from_given).powi(2));
     let scatter = squares.sum::<f64>() / (6 * members.len()) as f64;
-    FoundFrame {
+    FoundCoordinateFrame {
         distance: median(members.iter().map(moved).collect()),
         distance_sd: found.center_sd * scatter.max(1.0).sqrt(),
         members,
@@ -190,13 +190,13 @@ pub(crate) fn median(mut values: Vec<f64>) -> f64 {
 /// Distance up to which a localized pose agrees with a given one: six degrees of freedom, and errors have heavier tails
 /// than a normal distribution.
 const MAX_DEVIATIONS: f64 = 6.0;
-/// Median distance of images in another frame.
+/// Median distance of images in another coordinate frame.
 const MIN_FRAME_DEVIATIONS: f64 = 9.0;
-/// Distance between two frames from which images are refused, in units of the typical distance of observed points.
+/// Distance between two coordinate frames from which images are refused, in units of the typical distance of observed points.
 const MIN_DISTANCE: f64 = 0.01;
-/// Angle between two frames from which images are refused, degrees.
+/// Angle between two coordinate frames from which images are refused, degrees.
 const MIN_ANGLE_DEG: f64 = 1.0;
-/// Images that must agree on another frame, unless fewer were localized and all of them agree.
+/// Images that must agree on another coordinate frame, unless fewer were localized and all of them agree.
 const MIN_MEMBERS: usize = 3;
 /// Standard deviation of given orientations, degrees.
 const MIN_ROTATION_SD_DEG: f64 = 0.05;

@@ -1,6 +1,6 @@
 //! Groups of images that share few points with the rest of a map, compared with how many they share among themselves.
 //!
-//! Images in another frame see the same surfaces as the rest, but no point is consistent with both frames. So they are
+//! Images in another coordinate frame see the same surfaces as the rest, but no point is consistent with both frames. So they are
 //! linked with each other and hardly with the rest. A group of another place is linked in the same way: only localization
 //! distinguishes both.
 

@@ -1,4 +1,4 @@
-//! Images whose poses are in another frame than the map: added to it, and built with it.
+//! Images whose poses are in another coordinate frame than the map: added to it, and built with it.
 
 use super::common;
 
@@ -19,7 +19,7 @@ fn moved(x: f64, y: f64, z: f64) -> Similarity3 {
 }
 
 /// Name, and the similarity from the true frame to that of the given poses.
-fn other_frames() -> [(&'static str, Similarity3); 3] {
+fn other_coordinate_frames() -> [(&'static str, Similarity3); 3] {
     let gauge = Similarity3 {
         scale: 2.3,
         rotation: Rotation3::from_scaled_axis(Vector3::new(0.0, 1.0, 0.0)),
@@ -32,7 +32,7 @@ fn other_frames() -> [(&'static str, Similarity3); 3] {
     ]
 }
 
-/// Writes a posed model with the poses of the block in another frame, and the others as they are.
+/// Writes a posed model with the poses of the block in another coordinate frame, and the others as they are.
 fn write_posed(scene: &TestScene, folder: &str, given_from_true: &Similarity3) {
     let given = |name: &str, pose: &CameraFromWorld| {
         if BLOCK.contains(&name) { given_from_true.transform_pose(pose) } else { *pose }
@@ -71,7 +71,7 @@ fn true_distance(scene: &TestScene, given_from_true: &Similarity3) -> f64 {
 /// The error names the block, the remedies, and the true distance within its standard deviations.
 fn assert_refused(run: &Run, distance: f64) {
     assert_eq!(run.code, Some(1), "{run}");
-    for word in ["another frame", BLOCK[0], BLOCK[3], "--align", "--no-frame-check"] {
+    for word in ["another coordinate frame", BLOCK[0], BLOCK[3], "--align", "--no-coordinate-frame-check"] {
         assert!(run.stderr.contains(word), "{word}: {run}");
     }
     let words: Vec<&str> = run.stderr.split_whitespace().collect();
@@ -101,7 +101,7 @@ fn added_images_in_another_frame_are_refused_or_aligned() {
     let scene = scene();
     let map = map_without_block(scene, "add");
     let before = scene.read(&map);
-    for (name, given_from_true) in other_frames() {
+    for (name, given_from_true) in other_coordinate_frames() {
         write_posed(scene, &format!("add-{name}"), &given_from_true);
         let add = format!(
             "map add {map} --posed add-{name} --images images --list block.txt --no-self-test --json"
@@ -111,14 +111,14 @@ fn added_images_in_another_frame_are_refused_or_aligned() {
 
         let out = format!("add/{name}.vmap");
         let document = scene.run(&format!("{add} --align -o {out}")).succeeded().json();
-        let aligned = &document["frame"]["aligned"][0];
+        let aligned = &document["coordinate_frame"]["aligned"][0];
         assert_eq!(aligned["images"].as_array().map(Vec::len), Some(BLOCK.len()), "{document}");
         let scale = aligned["scale"].as_f64().expect("a number");
         assert!((scale * given_from_true.scale - 1.0).abs() < 0.02, "{document}");
         let error = worst_error(scene, &out);
         assert!(error < 0.03, "{name}: {error}");
         // Without a comparison the wrong poses remain.
-        scene.run(&format!("{add} --no-frame-check -o add/wrong.vmap")).succeeded();
+        scene.run(&format!("{add} --no-coordinate-frame-check -o add/wrong.vmap")).succeeded();
         if name == "shift" {
             let wrong = worst_error(scene, "add/wrong.vmap");
             assert!(wrong > 0.2, "{wrong}");
@@ -134,7 +134,7 @@ fn added_images_in_the_frame_of_the_map_are_accepted() {
     let add = format!("map add {map} --posed honest --images images --list block.txt --no-self-test --json");
     let plain = scene.run(&format!("{add} -o honest/plain.vmap")).succeeded();
     let document = plain.json();
-    let frame = &document["frame"];
+    let frame = &document["coordinate_frame"];
     assert_eq!(
         (&frame["tested"], &frame["aligned"]),
         (&Value::from(4), &Value::Array(Vec::new())),
@@ -144,7 +144,7 @@ fn added_images_in_the_frame_of_the_map_are_accepted() {
     assert!(frame["median_distance"].as_f64() < Some(0.04), "{plain}");
     assert_eq!(document["warnings"].as_array().map(Vec::len), Some(0), "{plain}");
     // Nothing is transformed, and the map is the same as without a comparison.
-    for flag in ["--align", "--no-frame-check"] {
+    for flag in ["--align", "--no-coordinate-frame-check"] {
         scene.run(&format!("{add} {flag} -o honest/other.vmap")).succeeded();
         assert!(scene.read("honest/other.vmap") == scene.read("honest/plain.vmap"), "{flag}");
     }
@@ -159,12 +159,12 @@ fn unknown_frames_are_reported() {
     let run = scene.run(add).succeeded();
     let document = run.json();
     assert_eq!(
-        (&document["frame"]["tested"], &document["frame"]["localized"]),
+        (&document["coordinate_frame"]["tested"], &document["coordinate_frame"]["localized"]),
         (&Value::from(2), &Value::from(0))
     );
     let names: Vec<&Value> =
         document["warnings"].as_array().expect("a list").iter().map(|w| &w["name"]).collect();
-    assert!(names.contains(&&Value::from("frame-unknown")), "{run}");
+    assert!(names.contains(&&Value::from("coordinate-frame-unknown")), "{run}");
     assert!(run.stderr.contains("2 images") && run.stderr.contains("could not be checked"), "{run}");
 }
 
@@ -173,14 +173,14 @@ fn built_images_in_another_frame_are_refused_or_aligned() {
     let scene = scene();
     let build =
         "map build --images images --list map.txt --max-keypoints 512 --query-keypoints 512 --no-self-test";
-    for (name, given_from_true) in other_frames() {
+    for (name, given_from_true) in other_coordinate_frames() {
         write_posed(scene, &format!("build-{name}"), &given_from_true);
         let build = format!("{build} --posed build-{name} -o build-{name}/place.vmap --json");
         assert_refused(&scene.run(&build), true_distance(scene, &given_from_true));
         assert!(!scene.path(format!("build-{name}/place.vmap")).exists());
 
         let run = scene.run(&format!("{build} --align")).succeeded();
-        let aligned = &run.json()["frame"]["aligned"];
+        let aligned = &run.json()["coordinate_frame"]["aligned"];
         assert_eq!(aligned[0]["images"].as_array().map(Vec::len), Some(BLOCK.len()), "{run}");
         let error = worst_error(scene, &format!("build-{name}/place.vmap"));
         assert!(error < 0.03, "{name}: {error}");
@@ -191,7 +191,7 @@ fn built_images_in_another_frame_are_refused_or_aligned() {
 #[test]
 fn evaluations_refuse_two_frames() {
     let scene = scene();
-    let (_, given_from_true) = &other_frames()[0];
+    let (_, given_from_true) = &other_coordinate_frames()[0];
     write_posed(scene, "evaluated", given_from_true);
     let evaluate = |command: &str, more: &str| {
         scene.run(&format!(
@@ -202,10 +202,10 @@ fn evaluations_refuse_two_frames() {
     for (command, more) in [("scene", "--schemes points --json"), ("problems", "-o problems.jsonl")] {
         let refused = evaluate(command, more);
         assert_eq!(refused.code, Some(1), "{refused}");
-        for word in ["another frame", BLOCK[0], BLOCK[3], "--no-frame-check"] {
+        for word in ["another coordinate frame", BLOCK[0], BLOCK[3], "--no-coordinate-frame-check"] {
             assert!(refused.stderr.contains(word), "{word}: {refused}");
         }
-        let run = evaluate(command, &format!("--no-frame-check {more}")).succeeded();
+        let run = evaluate(command, &format!("--no-coordinate-frame-check {more}")).succeeded();
         if command == "scene" {
             let document = run.json();
             let worst = document["queries"].as_array().expect("a list").iter();
@@ -219,12 +219,12 @@ fn evaluations_refuse_two_frames() {
 #[test]
 fn build_without_comparison_accepts_two_frames() {
     let scene = scene();
-    let (_, given_from_true) = &other_frames()[0];
+    let (_, given_from_true) = &other_coordinate_frames()[0];
     write_posed(scene, "unchecked", given_from_true);
     let build = "map build --posed unchecked --images images --list map.txt --max-keypoints 512 \
-                 --query-keypoints 512 --no-self-test --no-frame-check -o unchecked.vmap --json";
+                 --query-keypoints 512 --no-self-test --no-coordinate-frame-check -o unchecked.vmap --json";
     let document = scene.run(build).succeeded().json();
-    assert!(document.get("frame").is_none(), "{document}");
+    assert!(document.get("coordinate_frame").is_none(), "{document}");
 
     // As a finished model, the same map is refused too.
     scene.run("map export unchecked.vmap --colmap two-frames").succeeded();
@@ -232,7 +232,7 @@ fn build_without_comparison_accepts_two_frames() {
                   --no-self-test -o imported.vmap --json";
     assert_refused(&scene.run(import), true_distance(scene, given_from_true));
     assert!(!scene.path("imported.vmap").exists());
-    scene.run(&format!("{import} --no-frame-check")).succeeded();
+    scene.run(&format!("{import} --no-coordinate-frame-check")).succeeded();
     scene.run("map export place.vmap --colmap one-frame").succeeded();
     scene.run(&import.replace("two-frames", "one-frame")).succeeded();
 }

@@ -5,7 +5,7 @@ use veiloc_geometry::nalgebra::{
     DMatrix, DVector, Matrix3, Matrix6, Rotation3, UnitQuaternion, Vector3, Vector6,
 };
 
-/// The similarity from the frame of given poses to the frame of a map, `x_map = s R x_given + t`.
+/// The similarity from the coordinate frame of given poses to the coordinate frame of a map, `x_map = s R x_given + t`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Similarity3 {
     /// `s`: length in the map of one unit of the given poses.

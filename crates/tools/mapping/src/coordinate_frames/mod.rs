@@ -1,12 +1,12 @@
-//! Checks that the poses of images are in the frame of a map, and transforms them if they are not.
+//! Checks that the poses of images are in the coordinate frame of a map, and transforms them if they are not.
 //!
 //! ```text
 //! images with poses ── localized in the map without them ── given against localized pose ── agree
 //!                                                                     │
-//!                           consensus of at least three on one similarity ── another frame
+//!                           consensus of at least three on one similarity ── another coordinate frame
 //! ```
 //!
-//! A test that leaves out single images cannot detect a group in another frame: each of its images is supported by the
+//! A test that leaves out single images cannot detect a group in another coordinate frame: each of its images is supported by the
 //! rest of the group.
 
 mod consensus;
@@ -25,7 +25,7 @@ use veiloc_protocol::Scheme;
 pub use self::similarity::Similarity3;
 
 pub(crate) use self::consensus::median;
-use self::consensus::{Comparison, FoundFrame, compare};
+use self::consensus::{Comparison, FoundCoordinateFrame, compare};
 use self::groups::weakly_linked;
 use crate::calibration::query::{sealed, sealer_for, stored_features};
 use crate::calibration::run::{evenly_spaced, scale};
@@ -33,16 +33,16 @@ use crate::error::MappingError;
 use crate::progress::Progress;
 use crate::triangulation::hold_out::drop_images;
 
-/// A group of images whose poses are in another frame.
+/// A group of images whose poses are in another coordinate frame.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
-pub struct OtherFrame {
+pub struct OtherCoordinateFrame {
     /// Names of the images, in their order.
     pub names: Vec<String>,
     /// Number of images of the group that were localized in the map without them, with trusted poses that agree on the
     /// transform.
     pub localized: usize,
-    /// The transform of the given poses to the frame of the map.
+    /// The transform of the given poses to the coordinate frame of the map.
     pub map_from_given: Similarity3,
     /// Median distance between the given and the transformed camera centres, map units.
     pub distance: f64,
@@ -55,7 +55,7 @@ pub struct OtherFrame {
     pub scale_sd: Option<f64>,
 }
 
-impl fmt::Display for OtherFrame {
+impl fmt::Display for OtherCoordinateFrame {
     /// The group, and its distance from the map.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let similarity = &self.map_from_given;
@@ -85,10 +85,10 @@ fn names_of(names: &[String]) -> String {
     }
 }
 
-/// Result of the comparison of given poses with the frame of a map.
+/// Result of the comparison of given poses with the coordinate frame of a map.
 #[derive(Debug, Clone, Default, PartialEq)]
 #[non_exhaustive]
-pub struct FrameReport {
+pub struct CoordinateFrameReport {
     /// Number of images that were compared or should have been.
     pub tested: usize,
     /// Number of them that were localized in the map without them, with a trusted pose. The frame of the others could
@@ -98,11 +98,11 @@ pub struct FrameReport {
     pub median_distance: f64,
     /// Names of images whose localized pose disagrees with the given one, without a common transform.
     pub disagreeing: Vec<String>,
-    /// Names of images that agree on a frame that differs from the map's by more than their uncertainty, but too little
+    /// Names of images that agree on a coordinate frame that differs from the map's by more than their uncertainty, but too little
     /// to refuse them.
     pub near: Vec<String>,
     /// Groups whose poses were transformed.
-    pub aligned: Vec<OtherFrame>,
+    pub aligned: Vec<OtherCoordinateFrame>,
 }
 
 /// A map without the images that are compared with it.
@@ -121,16 +121,16 @@ impl ReferenceMap {
     }
 
     /// Localizes up to `limit` of these images of `model`, evenly spaced, and compares the poses. The images have
-    /// features, and may lack points. Returns the report, and the groups in another frame with their images.
+    /// features, and may lack points. Returns the report, and the groups in another coordinate frame with their images.
     pub(crate) fn compare(
         &self,
         model: &MapModel,
         images: &[usize],
         limit: usize,
         progress: &dyn Progress,
-    ) -> (FrameReport, Vec<Group>) {
+    ) -> (CoordinateFrameReport, Vec<Group>) {
         let tested: Vec<usize> = evenly_spaced(images.len(), limit).into_iter().map(|i| images[i]).collect();
-        progress.start("Comparing frames", tested.len());
+        progress.start("Comparing coordinate frames", tested.len());
         let localized = tested.par_iter().map(|image| {
             let comparison = self.localize(model, *image);
             progress.advance(1);
@@ -141,7 +141,7 @@ impl ReferenceMap {
         let compared = compare(&comparisons, self.scale);
         let name = |index: &usize| model.images[comparisons[*index].image].name.clone();
         let distances = compared.agreeing.iter().map(|i| comparisons[*i].distance());
-        let report = FrameReport {
+        let report = CoordinateFrameReport {
             tested: tested.len(),
             localized: comparisons.len(),
             median_distance: median(distances.collect()),
@@ -150,10 +150,10 @@ impl ReferenceMap {
             aligned: Vec::new(),
         };
         let group_of = groups(model, images, &comparisons, &compared.agreeing, &compared.frames);
-        let other = |(index, found): (usize, &FoundFrame)| {
+        let other = |(index, found): (usize, &FoundCoordinateFrame)| {
             let own = images.iter().zip(&group_of).filter(|(_, group)| **group == Some(index));
             let own: Vec<usize> = own.map(|(image, _)| *image).collect();
-            let frame = OtherFrame {
+            let frame = OtherCoordinateFrame {
                 names: own.iter().map(|image| model.images[*image].name.clone()).collect(),
                 localized: found.members.len(),
                 map_from_given: found.fit.map_from_given,
@@ -162,7 +162,7 @@ impl ReferenceMap {
                 angle_sd_deg: found.fit.rotation_sd_deg,
                 scale_sd: found.fit.scale_sd,
             };
-            Group { images: own, frame }
+            Group { images: own, coordinate_frame: frame }
         };
         (report, compared.frames.iter().enumerate().map(other).collect())
     }
@@ -182,12 +182,12 @@ impl ReferenceMap {
     }
 }
 
-/// Images of a model whose poses are in another frame.
+/// Images of a model whose poses are in another coordinate frame.
 #[derive(Debug, Clone)]
 pub(crate) struct Group {
     /// Their indices.
     pub(crate) images: Vec<usize>,
-    pub(crate) frame: OtherFrame,
+    pub(crate) coordinate_frame: OtherCoordinateFrame,
 }
 
 impl Group {
@@ -195,14 +195,16 @@ impl Group {
     pub(crate) fn align(&self, model: &mut MapModel) {
         for index in &self.images {
             let pose = &mut model.images[*index].cam_from_world;
-            *pose = self.frame.map_from_given.transform_pose(pose);
+            *pose = self.coordinate_frame.map_from_given.transform_pose(pose);
         }
     }
 }
 
 /// Returns the error for these groups.
 pub(crate) fn refused(groups: Vec<Group>) -> MappingError {
-    MappingError::OtherFrame { groups: groups.into_iter().map(|group| group.frame.to_string()).collect() }
+    MappingError::OtherCoordinateFrame {
+        groups: groups.into_iter().map(|group| group.coordinate_frame.to_string()).collect(),
+    }
 }
 
 /// Index of the frame of each image, `None` for the map's: that of the compared image that is nearest in the order of
@@ -212,7 +214,7 @@ fn groups(
     images: &[usize],
     comparisons: &[Comparison],
     agreeing: &[usize],
-    frames: &[FoundFrame],
+    frames: &[FoundCoordinateFrame],
 ) -> Vec<Option<usize>> {
     let name = |image: usize| model.images[image].name.as_str();
     let mut ranked: Vec<usize> = images.to_vec();
@@ -237,16 +239,16 @@ fn groups(
         .collect()
 }
 
-/// Finds groups of images of a map whose poses are in another frame than the rest: each group that shares few points
+/// Finds groups of images of a map whose poses are in another coordinate frame than the rest: each group that shares few points
 /// with the rest is localized in the map without it. Returns `None` for the report if there is no such group.
 pub(crate) fn compare_groups(
     model: &MapModel,
     progress: &dyn Progress,
-) -> Result<(Option<FrameReport>, Vec<Group>), MappingError> {
-    let mut total: Option<FrameReport> = None;
+) -> Result<(Option<CoordinateFrameReport>, Vec<Group>), MappingError> {
+    let mut total: Option<CoordinateFrameReport> = None;
     let mut found: Vec<Group> = Vec::new();
     for linked in weakly_linked(model, MIN_GROUP, MAX_LINK_RATIO).into_iter().take(MAX_GROUPS) {
-        // A part of a group in another frame, or a group with such a part, is not compared again.
+        // A part of a group in another coordinate frame, or a group with such a part, is not compared again.
         if found.iter().any(|other| other.images.iter().any(|image| linked.images.contains(image))) {
             continue;
         }
@@ -268,22 +270,22 @@ pub(crate) fn compare_groups(
         if report.disagreeing.len() >= MIN_GROUP {
             sum.disagreeing.extend(report.disagreeing);
         }
-        found.extend(groups.into_iter().filter(|group| group.frame.localized >= MIN_GROUP));
+        found.extend(groups.into_iter().filter(|group| group.coordinate_frame.localized >= MIN_GROUP));
     }
     Ok((total, found))
 }
 
-/// The similarity from the frame of a map to that of another map, by localizing up to `limit` of its images in the other.
+/// The similarity from the coordinate frame of a map to that of another map, by localizing up to `limit` of its images in the other.
 ///
 /// # Errors
 /// [`MappingError::Alignment`]: other descriptors, fewer than three localized images, or no similarity on which more than
 /// half of them agree.
-pub(crate) fn common_frame(
+pub(crate) fn common_coordinate_frame(
     model: &MapModel,
     reference: &MapModel,
     limit: usize,
     progress: &dyn Progress,
-) -> Result<OtherFrame, MappingError> {
+) -> Result<OtherCoordinateFrame, MappingError> {
     let refuse = |reason: String| Err(MappingError::Alignment { reason });
     let kinds = [model, reference].map(|map| map.profile.descriptor_kind());
     if kinds[0] != kinds[1] {
@@ -299,8 +301,8 @@ pub(crate) fn common_frame(
     let queries = MapModel { profile: reference.profile.clone(), ..model.clone() };
     let images: Vec<usize> = (0..queries.images.len()).collect();
     let (report, groups) = in_reference.compare(&queries, &images, limit, progress);
-    let FrameReport { tested, localized, .. } = report;
-    let of_groups: usize = groups.iter().map(|group| group.frame.localized).sum();
+    let CoordinateFrameReport { tested, localized, .. } = report;
+    let of_groups: usize = groups.iter().map(|group| group.coordinate_frame.localized).sum();
     let same = localized.saturating_sub(of_groups + report.disagreeing.len());
     if localized < MIN_GROUP {
         return refuse(format!(
@@ -308,7 +310,7 @@ pub(crate) fn common_frame(
              must show a common part"
         ));
     }
-    let identity = OtherFrame {
+    let identity = OtherCoordinateFrame {
         names: queries.images.iter().map(|image| image.name.clone()).collect(),
         localized: same,
         map_from_given: Similarity3::identity(),
@@ -317,7 +319,7 @@ pub(crate) fn common_frame(
         angle_sd_deg: 0.0,
         scale_sd: None,
     };
-    let frames = || groups.iter().map(|group| &group.frame).chain([&identity]);
+    let frames = || groups.iter().map(|group| &group.coordinate_frame).chain([&identity]);
     match frames().max_by_key(|frame| frame.localized) {
         Some(best) if best.localized >= MIN_GROUP && 2 * best.localized > localized => Ok(best.clone()),
         _ => {
@@ -325,7 +327,7 @@ pub(crate) fn common_frame(
                 frames().filter(|frame| frame.localized > 0).map(|frame| format!("\n  {frame}")).collect();
             refuse(format!(
                 "{localized} of {tested} images of the one map are localized in the other, but they do not agree on one \
-                 transform; a map may have parts in frames of their own, or the maps show places that look alike:{}",
+                 transform; a map may have parts in coordinate frames of their own, or the maps show places that look alike:{}",
                 each.concat()
             ))
         }
@@ -339,11 +341,11 @@ pub(crate) const MAX_TESTED: usize = 50;
 const PROBES_OF_GROUP: usize = 5;
 /// Maximum number of localized images of a group in a build.
 const MAX_TESTED_OF_GROUP: usize = 12;
-/// Minimum number of images of a group in another frame.
+/// Minimum number of images of a group in another coordinate frame.
 const MIN_GROUP: usize = 3;
 /// Groups that are compared, at most.
 const MAX_GROUPS: usize = 8;
 /// Strongest link of a compared group to the rest, over its median link. Of real places with groups of three and more:
-/// in one frame 0.3 and more unless they hardly overlap (0.01 to 0.17 in a walk through rooms); moved by a
+/// in one coordinate frame 0.3 and more unless they hardly overlap (0.01 to 0.17 in a walk through rooms); moved by a
 /// twentieth of the distance to the scene 0.04, by more 0 to 0.02.
 const MAX_LINK_RATIO: f64 = 0.2;

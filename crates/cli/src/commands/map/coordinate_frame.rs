@@ -1,49 +1,49 @@
-//! Images whose poses are in another frame than the map: flags, the remedy, and output.
+//! Images whose poses are in another coordinate frame than the map: flags, the remedy, and output.
 
 use serde::Serialize;
-use veiloc_mapping::{FrameReport, OnOtherFrame, OtherFrame};
+use veiloc_mapping::{CoordinateFrameReport, OnOtherCoordinateFrame, OtherCoordinateFrame};
 
-use crate::commands::frame_check::FrameCheckArgs;
+use crate::commands::coordinate_frame_check::CoordinateFrameCheckArgs;
 use crate::output::ui::Ui;
 
-/// Treatment of images whose poses are in another frame.
+/// Treatment of images whose poses are in another coordinate frame.
 #[derive(clap::Args)]
-pub(super) struct FrameArgs {
-    /// If the poses of images are in another frame than the rest of the map (moved, turned, or of another scale),
-    /// transform them to the frame of the map. Default: refuse, and name the images and the distance.
-    #[arg(long, conflicts_with = "no_frame_check")]
+pub(super) struct CoordinateFrameArgs {
+    /// If the poses of images are in another coordinate frame than the rest of the map (moved, turned, or of another scale),
+    /// transform them to the coordinate frame of the map. Default: refuse, and name the images and the distance.
+    #[arg(long, conflicts_with = "no_coordinate_frame_check")]
     align: bool,
     #[command(flatten)]
-    check: FrameCheckArgs,
+    check: CoordinateFrameCheckArgs,
 }
 
-impl FrameArgs {
-    pub(super) const fn on_other_frame(&self) -> OnOtherFrame {
-        if self.align { OnOtherFrame::Align } else { self.check.on_other_frame() }
+impl CoordinateFrameArgs {
+    pub(super) const fn on_other_coordinate_frame(&self) -> OnOtherCoordinateFrame {
+        if self.align { OnOtherCoordinateFrame::Align } else { self.check.on_other_coordinate_frame() }
     }
 }
 
 /// Prints the result of the comparison.
-pub(super) fn print(report: &FrameReport, ui: &Ui) {
-    let FrameReport { tested, localized, .. } = report;
+pub(super) fn print(report: &CoordinateFrameReport, ui: &Ui) {
+    let CoordinateFrameReport { tested, localized, .. } = report;
     for frame in &report.aligned {
-        ui.info(format!("Aligned to the frame of the map: {frame}"));
+        ui.info(format!("Aligned to the coordinate frame of the map: {frame}"));
     }
     if *localized > 0 {
         let unknown = match tested - localized {
             0 => String::new(),
-            unknown => format!("; the frame of the other {unknown} could not be checked"),
+            unknown => format!("; the coordinate frame of the other {unknown} could not be checked"),
         };
         ui.info(format!(
-            "Frame of the poses: {localized} of {tested} images localized in the map without them{unknown}"
+            "Coordinate frame of the poses: {localized} of {tested} images localized in the map without them{unknown}"
         ));
     }
 }
 
-/// Comparison of the given poses with the frame of the map.
+/// Comparison of the given poses with the coordinate frame of the map.
 #[derive(Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub(super) struct FrameInfo {
+pub(super) struct CoordinateFrameInfo {
     /// Number of images that were compared or should have been.
     tested: usize,
     /// Number of them that were localized, with a trusted pose, in the map without them; the frame of the others could
@@ -53,7 +53,7 @@ pub(super) struct FrameInfo {
     median_distance: f64,
     /// Names of images that the map localizes with other poses, without a common transform.
     disagreeing: Vec<String>,
-    /// Names of images that agree on a frame only a little away from the map's: by more than their ±, but too little to
+    /// Names of images that agree on a coordinate frame only a little away from the map's: by more than their ±, but too little to
     /// refuse them.
     near: Vec<String>,
     /// Groups whose poses `--align` transformed.
@@ -86,8 +86,8 @@ struct AlignedInfo {
     translation: [f64; 3],
 }
 
-impl FrameInfo {
-    pub(super) fn of(report: &FrameReport) -> Self {
+impl CoordinateFrameInfo {
+    pub(super) fn of(report: &CoordinateFrameReport) -> Self {
         Self {
             tested: report.tested,
             localized: report.localized,
@@ -100,7 +100,7 @@ impl FrameInfo {
 }
 
 impl AlignedInfo {
-    fn of(frame: &OtherFrame) -> Self {
+    fn of(frame: &OtherCoordinateFrame) -> Self {
         let similarity = &frame.map_from_given;
         let matrix = similarity.rotation.matrix();
         Self {
