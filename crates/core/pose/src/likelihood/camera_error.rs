@@ -323,7 +323,7 @@ impl CameraObjective<'_> {
 
     /// The best camera under a prior, from a start.
     fn best_camera(&self, start: &PoseWithCamera, sd: &[f64; CAMERA]) -> PoseWithCamera {
-        let convergence = Convergence { steps: 20, min_gain: 1e-6 };
+        let convergence = Convergence { steps: 20, min_gain: 1e-5 };
         self.objective.descend::<POSE_AND_CAMERA>(start, sd, false, convergence)
     }
 

@@ -21,6 +21,7 @@
 
 use std::collections::HashMap;
 use std::hash::Hash;
+use std::sync::Arc;
 
 use veiloc_geometry::nalgebra::{Vector2, Vector3, Vector6};
 use veiloc_geometry::{Anchor, CameraFromWorld, Pinhole, Pixel, PixelLine};
@@ -45,7 +46,8 @@ const UNSEEN_PRIOR: f64 = 1e-30;
 /// How far outside the image, or over the border of a sector, a projection may lie, as a share of the image's width.
 const MARGIN: f64 = 0.01;
 
-/// The correspondences of one problem that has passed its check: the input of all scores and samplers.
+/// The correspondences of one problem that has passed its check: the input of all scores and samplers. Copies for another
+/// camera share what does not depend on it.
 #[derive(Debug, Clone)]
 pub struct Matches<'a> {
     /// The camera of the observations, without distortion.
@@ -53,29 +55,31 @@ pub struct Matches<'a> {
     /// The observations of the problem, all of one kind.
     pub observations: &'a Correspondences,
     /// Keypoint of each, numbered from 0 in order of first appearance, `[N]`.
-    pub keypoint: Vec<usize>,
+    pub keypoint: Arc<[usize]>,
     /// How many keypoints there are.
     pub keypoints: usize,
     /// From where each was seen when the map was made, `[N]`, if known.
     seen_from: Option<&'a [MatchViewpoint]>,
     /// Map point of each, numbered from 0: points with equal coordinates are one.
-    point_index: Vec<usize>,
+    point_index: Arc<[usize]>,
     /// Covariance of each map point, `[N]`, world frame, if known.
     point_covariances: Option<&'a [[[f64; 3]; 3]]>,
     /// Map points, world frame, map units, `[N]`.
-    pub points: Vec<Vector3<f64>>,
+    pub points: Arc<[Vector3<f64>]>,
     /// Lines: `(a, b, c)` of unit normal in pixels. Points: `(u, v, 1)`. `[N]`.
-    pub observed: Vec<Vector3<f64>>,
+    pub observed: Arc<[Vector3<f64>]>,
     /// Anchor of each line, `[N]`; `First` for all when there are no anchors.
-    pub anchor: Vec<Anchor>,
+    pub anchor: Arc<[Anchor]>,
     /// The part of each log likelihood ratio that does not depend on `σ`, `e` and the distance from the anchor, `[N]`.
-    pub log_likelihood_const: Vec<f64>,
+    pub log_likelihood_const: Arc<[f64]>,
+    /// Its exponential, `[N]`.
+    likelihood_const: Arc<[f64]>,
     /// Prior probability that each is right, `[N]`: the sampling weight.
-    pub inlier_prior: Vec<f64>,
+    pub inlier_prior: Arc<[f64]>,
     /// Logarithm of the density of the query's observations at each observation relative to an even spread, `[N]`:
     /// [`Self::log_likelihood_const`] would be smaller by this if wrong matches followed the query's observations. Used
     /// for the evidence only.
-    pub log_clutter_density: Vec<f64>,
+    pub log_clutter_density: Arc<[f64]>,
 }
 
 /// One correspondence under one pose.
@@ -87,28 +91,62 @@ pub(crate) struct Residual {
     pub(crate) error: [f64; 2],
     /// Derivative of each by the six numbers of [`CameraFromWorld::perturbed`].
     pub(crate) jacobian: [[f64; 6]; 2],
-    /// Logarithm of the distance from the anchor, 0 without anchors.
-    pub(crate) log_radius: f64,
-    /// Its derivative.
+    /// Distance from the anchor, pixels; 1 without anchors.
+    pub(crate) radius: f64,
+    /// Derivative of its logarithm.
     pub(crate) radius_jacobian: [f64; 6],
     /// Derivative of each error by the camera, [`CameraChange`](crate::likelihood::CameraChange); the first is by the
     /// logarithm of the focal length.
     pub(crate) by_camera: [[f64; CAMERA]; 2],
-    /// The same for `log r`.
+    /// The same for the logarithm of the distance.
     pub(crate) radius_by_camera: [f64; CAMERA],
 }
 
 /// One correspondence in the soft likelihood.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct LikelihoodTerm {
-    /// Log likelihood ratio.
-    pub(crate) log_ratio: f64,
+    /// Likelihood ratio between right and wrong.
+    pub(crate) ratio: f64,
     /// Probability that it is right: also the weight of `−log r`.
     pub(crate) right: f64,
     /// Weight of each squared residual.
     pub(crate) weight: f64,
-    /// `−log(1 + exp(log_ratio))`.
-    pub(crate) loss: f64,
+}
+
+/// Scale of the noise as the soft likelihood uses it ([`Matches::at_noise`]).
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct NoiseScale {
+    /// Divisor of the squared residual.
+    divisor: f64,
+    /// The noise-dependent factor of the likelihood ratio.
+    factor: f64,
+}
+
+/// `Σ log(1 + ratio)` as the logarithm of products: a logarithm for each match would take as long as all the rest of it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SumOfLogs {
+    log: f64,
+    product: f64,
+}
+
+impl SumOfLogs {
+    /// Before the next factor the product is at most this; a ratio is at most 1e30 or so.
+    const MOST: f64 = 1e200;
+
+    pub(crate) const fn new() -> Self {
+        Self { log: 0.0, product: 1.0 }
+    }
+
+    pub(crate) fn add(&mut self, ratio: f64) {
+        self.product *= 1.0 + ratio;
+        if !(self.product < Self::MOST) {
+            *self = Self { log: self.sum(), product: 1.0 };
+        }
+    }
+
+    pub(crate) fn sum(&self) -> f64 {
+        self.log + self.product.ln()
+    }
 }
 
 impl Residual {
@@ -163,6 +201,8 @@ impl<'a> Matches<'a> {
             let p = problem.prior.as_ref().map_or(expected_inlier_ratio, |p| p[i]);
             p.clamp(PRIOR_LIMIT, 1.0 - PRIOR_LIMIT)
         };
+        let log_likelihood_const: Arc<[f64]> =
+            (0..n).map(|i| (prior(i) / (1.0 - prior(i))).ln() + spread[i].ln()).collect();
         let (keypoint, keypoints) = numbered(&problem.keypoints);
         let (point_index, _) =
             numbered(&problem.points.iter().map(|p| p.coords.map(f64::to_bits)).collect::<Vec<_>>());
@@ -175,25 +215,27 @@ impl<'a> Matches<'a> {
             point_index,
             point_covariances: problem.point_covariances.as_deref(),
             points: problem.points.iter().map(|p| p.coords).collect(),
-            observed,
-            anchor,
-            log_likelihood_const: (0..n)
-                .map(|i| (prior(i) / (1.0 - prior(i))).ln() + spread[i].ln())
-                .collect(),
+            observed: observed.into(),
+            anchor: anchor.into(),
+            likelihood_const: log_likelihood_const.iter().map(|log| log.exp()).collect(),
+            log_likelihood_const,
             inlier_prior: (0..n).map(prior).collect(),
-            log_clutter_density: outlier_density::log_density(&problem.observations, &camera),
+            log_clutter_density: outlier_density::log_density(&problem.observations, &camera).into(),
         }
     }
 
     /// These correspondences as this pose can see them: those that it cannot see get a negligible prior.
     pub fn visible_from(&self, pose: &CameraFromWorld) -> Self {
-        let mut seen = self.clone();
-        if self.seen_from.is_some() {
-            for (i, score_offset) in seen.log_likelihood_const.iter_mut().enumerate() {
-                *score_offset += self.visibility(i, pose).max(UNSEEN_PRIOR).ln();
-            }
+        if self.seen_from.is_none() {
+            return self.clone();
         }
-        seen
+        let visible: Vec<f64> = (0..self.len()).map(|i| self.visibility(i, pose).max(UNSEEN_PRIOR)).collect();
+        let both = |(known, visible): (&f64, &f64)| known + visible.ln();
+        Self {
+            log_likelihood_const: self.log_likelihood_const.iter().zip(&visible).map(both).collect(),
+            likelihood_const: self.likelihood_const.iter().zip(&visible).map(|(known, v)| known * v).collect(),
+            ..self.clone()
+        }
     }
 
     /// Share of each correspondence, `[N]`, when they are right with these probabilities: the correspondences of one
@@ -275,19 +317,18 @@ impl<'a> Matches<'a> {
         -(self.residuals() as f64) * noise.ln()
     }
 
-    /// The part of one correspondence in the soft likelihood at this scale of the noise, pixels.
-    pub(crate) fn likelihood_term(&self, i: usize, residual: &Residual, noise: f64) -> LikelihoodTerm {
-        let scale = self.freedom() * noise * noise;
+    /// This scale of the noise, pixels, for [`Self::likelihood_term`].
+    pub(crate) fn at_noise(&self, noise: f64) -> NoiseScale {
+        NoiseScale { divisor: self.freedom() * noise * noise, factor: self.noise_term(noise).exp() }
+    }
+
+    /// The part of one correspondence in the soft likelihood.
+    pub(crate) fn likelihood_term(&self, i: usize, residual: &Residual, noise: &NoiseScale) -> LikelihoodTerm {
         let squared = residual.squared();
-        let log_ratio = self.log_likelihood_const[i] + self.noise_term(noise) + residual.log_radius
-            - 3.0 * (squared / scale).ln_1p();
-        let right = 1.0 / (1.0 + (-log_ratio).exp());
-        LikelihoodTerm {
-            log_ratio,
-            right,
-            weight: 6.0 * right / (scale + squared),
-            loss: -(log_ratio.max(0.0) + (-log_ratio.abs()).exp().ln_1p()),
-        }
+        let tail = 1.0 + squared / noise.divisor;
+        let ratio = self.likelihood_const[i] * noise.factor * residual.radius / (tail * tail * tail);
+        let right = ratio / (1.0 + ratio);
+        LikelihoodTerm { ratio, right, weight: 6.0 * right / (noise.divisor + squared) }
     }
 
     /// Margin of the gates, pixels.
@@ -307,11 +348,13 @@ impl<'a> Matches<'a> {
     }
 
     /// Residual with derivatives; `None` behind the camera or, when `gated`, where the point cannot be visible.
+    #[inline]
     pub(crate) fn residual(&self, i: usize, pose: &CameraFromWorld, gated: bool) -> Option<Residual> {
         self.residual_of(&DistortedCamera::undistorted(self.camera), i, pose, gated)
     }
 
-    /// The same for another camera.
+    /// The same for another camera. Inlined, because most callers need a part of the derivatives.
+    #[inline(always)]
     pub(crate) fn residual_of(
         &self,
         camera: &DistortedCamera,
@@ -348,7 +391,7 @@ impl<'a> Matches<'a> {
             pixel,
             error: [0.0; 2],
             jacobian: [[0.0; 6]; 2],
-            log_radius: 0.0,
+            radius: 1.0,
             radius_jacobian: [0.0; 6],
             by_camera: [[0.0; CAMERA]; 2],
             radius_by_camera: [0.0; CAMERA],
@@ -370,7 +413,7 @@ impl<'a> Matches<'a> {
             let anchor = pencils.homogeneous(self.anchor[i]);
             let from_anchor = pixel * anchor.z - anchor.xy();
             let squared = from_anchor.norm_squared().max(1e-12);
-            residual.log_radius = 0.5 * squared.ln();
+            residual.radius = squared.sqrt();
             let slope = from_anchor * (anchor.z / squared);
             residual.radius_jacobian = chart(du * slope.x + dv * slope.y);
             residual.radius_by_camera = by_change.map(|d| d.dot(&slope));
@@ -433,7 +476,7 @@ fn pixel_of(c: &Pinhole, p: &Vector3<f64>) -> Option<Vector2<f64>> {
 
 /// The keypoints numbered from 0 in order of first appearance, and their count: the original ids have no influence, not
 /// even on the order of sums.
-fn numbered<T: Copy + Eq + Hash>(keypoints: &[T]) -> (Vec<usize>, usize) {
+fn numbered<T: Copy + Eq + Hash>(keypoints: &[T]) -> (Arc<[usize]>, usize) {
     let mut known: HashMap<T, usize> = HashMap::with_capacity(keypoints.len());
     let numbered = keypoints
         .iter()
@@ -513,7 +556,7 @@ mod tests {
                         let given = here.jacobian[row][k];
                         assert!((numeric - given).abs() < 1e-4 * (1.0 + given.abs()), "{numeric} {given}");
                     }
-                    let numeric = (plus.log_radius - minus.log_radius) / (2.0 * h);
+                    let numeric = (plus.radius / minus.radius).ln() / (2.0 * h);
                     let given = here.radius_jacobian[k];
                     assert!((numeric - given).abs() < 1e-4 * (1.0 + given.abs()), "{numeric} {given}");
                 }
@@ -550,7 +593,7 @@ mod tests {
                             "{k} {numeric} {given}"
                         );
                     }
-                    let numeric = (plus.log_radius - minus.log_radius) / (2.0 * h);
+                    let numeric = (plus.radius / minus.radius).ln() / (2.0 * h);
                     let given = here.radius_by_camera[k];
                     assert!((numeric - given).abs() < 1e-3 * (1.0 + given.abs()), "{k} {numeric} {given}");
                 }

@@ -3,7 +3,7 @@
 use crate::likelihood::camera::{CAMERA, DistortedCamera, PoseWithCamera};
 use crate::likelihood::descent::{Convergence, levenberg_marquardt};
 use crate::likelihood::design_effect::ScoreCells;
-use crate::likelihood::matches::{LikelihoodTerm, Matches, Residual};
+use crate::likelihood::matches::{LikelihoodTerm, Matches, Residual, SumOfLogs};
 use crate::likelihood::pose_priors::PosePriors;
 use crate::likelihood::system::{POSE, System};
 
@@ -35,7 +35,7 @@ impl Scores {
 
     fn add(&mut self, residual: &Residual, term: &LikelihoodTerm) {
         self.cells.add(&residual.pixel, &residual.score(term));
-        self.agreeing += usize::from(term.log_ratio > 0.0);
+        self.agreeing += usize::from(term.ratio > 1.0);
     }
 }
 
@@ -60,12 +60,14 @@ impl Objective<'_> {
         mut visit: impl FnMut(&Residual, &LikelihoodTerm),
     ) -> System<N> {
         let mut system = System::<N>::empty();
+        let mut gain = SumOfLogs::new();
         let rows = self.matches.residuals();
         self.each(at, gated, |residual, term| {
             visit(residual, term);
-            system.loss += term.loss;
+            gain.add(term.ratio);
             system.add(residual, term.weight, term.right, rows);
         });
+        system.loss = -gain.sum();
         let mut of_priors = System::empty();
         self.priors.add_to(&at.pose, &mut of_priors);
         system.mirrored().with_pose_terms(&of_priors)
@@ -99,9 +101,10 @@ impl Objective<'_> {
     /// Visits the matches that may be right.
     fn each(&self, at: &PoseWithCamera, gated: bool, mut visit: impl FnMut(&Residual, &LikelihoodTerm)) {
         let camera = DistortedCamera::changed(&self.matches.camera, &at.change);
+        let noise = self.matches.at_noise(self.noise);
         for &i in &self.active {
             let Some(residual) = self.matches.residual_of(&camera, i, &at.pose, gated) else { continue };
-            visit(&residual, &self.matches.likelihood_term(i, &residual, self.noise));
+            visit(&residual, &self.matches.likelihood_term(i, &residual, &noise));
         }
     }
 }

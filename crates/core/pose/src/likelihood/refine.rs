@@ -3,7 +3,7 @@
 use veiloc_geometry::CameraFromWorld;
 
 use crate::likelihood::descent::{Convergence, DescentResult, levenberg_marquardt};
-use crate::likelihood::matches::Matches;
+use crate::likelihood::matches::{Matches, SumOfLogs};
 use crate::likelihood::system::System;
 
 /// The loss over the chosen correspondences.
@@ -75,28 +75,29 @@ fn reorthonormalized(pose: &CameraFromWorld) -> CameraFromWorld {
 /// wrong.
 pub fn linearize(matches: &Matches<'_>, active: &[usize], loss: Loss, pose: &CameraFromWorld) -> System {
     let mut system = System::empty();
-    let gated = matches!(loss, Loss::Likelihood { .. });
+    let mut gain = SumOfLogs::new();
+    let rows = matches.residuals();
+    let at_noise = match loss {
+        Loss::Likelihood { noise } => Some(matches.at_noise(noise)),
+        Loss::Squared | Loss::Truncated { .. } => None,
+    };
     for &i in active {
-        let Some(residual) = matches.residual(i, pose, gated) else {
+        let Some(residual) = matches.residual(i, pose, at_noise.is_some()) else {
             system.loss += loss_out_of_sight(loss);
             continue;
         };
+        if let Some(noise) = &at_noise {
+            let term = matches.likelihood_term(i, &residual, noise);
+            gain.add(term.ratio);
+            system.add(&residual, term.weight, term.right, rows);
+            continue;
+        }
         let e2 = residual.squared();
-        // Loss, weight of each squared residual, weight of −log r.
-        let (value, weight, radial) = match loss {
-            Loss::Squared => (0.5 * e2, 1.0, 0.0),
-            Loss::Truncated { threshold } => {
-                let t2 = threshold * threshold;
-                (0.5 * e2.min(t2), if e2 < t2 { 1.0 } else { 0.0 }, 0.0)
-            }
-            Loss::Likelihood { noise } => {
-                let term = matches.likelihood_term(i, &residual, noise);
-                (term.loss, term.weight, term.right)
-            }
-        };
-        system.loss += value;
-        system.add(&residual, weight, radial, matches.residuals());
+        let t2 = if let Loss::Truncated { threshold } = loss { threshold * threshold } else { f64::INFINITY };
+        system.loss += 0.5 * e2.min(t2);
+        system.add(&residual, if e2 < t2 { 1.0 } else { 0.0 }, 0.0, rows);
     }
+    system.loss -= gain.sum();
     system.mirrored()
 }
 

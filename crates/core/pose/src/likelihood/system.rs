@@ -35,6 +35,7 @@ impl<const N: usize> System<N> {
 
     /// Adds a residual to the gradient and to the upper half of the Hessian ([`Self::mirrored`]), with the weight of
     /// its square and that of `−log r`.
+    #[inline]
     pub(crate) fn add(&mut self, residual: &Residual, weight: f64, radial: f64, rows: usize) {
         if weight <= 0.0 {
             return;

@@ -221,9 +221,10 @@ impl<'a> Frame<'a> {
     /// Variance of errors that neighbouring matches share at a pose, in multiples of that of independent ones.
     pub(super) fn design_effect(&self, cam: &CameraFromWorld, likelihoods: &[f64], noise: f64) -> f64 {
         let mut cells = ScoreCells::new(&self.matches.camera);
+        let noise = self.matches.at_noise(noise);
         for i in (0..likelihoods.len()).filter(|&i| likelihoods[i] > MIN_LOG_LIKELIHOOD_RATIO) {
             if let Some(residual) = self.matches.residual(i, cam, true) {
-                let score = residual.score(&self.matches.likelihood_term(i, &residual, noise));
+                let score = residual.score(&self.matches.likelihood_term(i, &residual, &noise));
                 cells.add(&residual.pixel, &score);
             }
         }
