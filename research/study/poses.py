@@ -10,6 +10,7 @@ import tempfile
 import time as clock
 from pathlib import Path
 
+from study import constants  # noqa: F401, one of its commands
 from study.common import RIGHT, SCENES, Package, cm, command, number, percent
 from study.geometry import angle, center, rotation
 

@@ -233,7 +233,12 @@ impl<'a> Matches<'a> {
         let both = |(known, visible): (&f64, &f64)| known + visible.ln();
         Self {
             log_likelihood_const: self.log_likelihood_const.iter().zip(&visible).map(both).collect(),
-            likelihood_const: self.likelihood_const.iter().zip(&visible).map(|(known, v)| known * v).collect(),
+            likelihood_const: self
+                .likelihood_const
+                .iter()
+                .zip(&visible)
+                .map(|(known, v)| known * v)
+                .collect(),
             ..self.clone()
         }
     }
@@ -323,7 +328,12 @@ impl<'a> Matches<'a> {
     }
 
     /// The part of one correspondence in the soft likelihood.
-    pub(crate) fn likelihood_term(&self, i: usize, residual: &Residual, noise: &NoiseScale) -> LikelihoodTerm {
+    pub(crate) fn likelihood_term(
+        &self,
+        i: usize,
+        residual: &Residual,
+        noise: &NoiseScale,
+    ) -> LikelihoodTerm {
         let squared = residual.squared();
         let tail = 1.0 + squared / noise.divisor;
         let ratio = self.likelihood_const[i] * noise.factor * residual.radius / (tail * tail * tail);
