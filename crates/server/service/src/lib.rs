@@ -37,68 +37,48 @@
 //! # How a request goes
 //! The service checks first the token, then the rate limit, then the size and form of the request, and only then
 //! computes: a refused request costs almost nothing. Localization is bound by the processor, so a fixed number of
-//! threads does it, each job on one thread, behind a fair queue of bounded length (`pool.rs`, `queue`). A request that
+//! threads does it, each job on one thread, behind a fair queue of bounded length (`queue`). A request that
 //! does not fit into the queue, or would not finish in time, is refused at once with `Retry-After`.
 //!
 //! # What is never logged
 //! **Invariant, tested in `tests/it/privacy.rs`:** no log line, metric or error contains any content of a query (rule
 //! L8 of `docs/reference/privacy-rules.md`). `routes/record.rs` writes the log lines of requests from names that the operator chose,
-//! the request id of the server, status and durations. For a panic only the location is logged (`panics.rs`); for
+//! the request id of the server, status and durations. For a panic only the location is logged (`telemetry/panics.rs`); for
 //! threads of the service, the panic message is discarded. This crate depends neither on `veiloc-features` nor on
 //! `veiloc-obfuscation` (`cargo xtask tidy`).
 #![forbid(unsafe_code)]
 
-mod admin;
 pub mod auth;
-mod clock;
-mod cors;
-mod decoded_request;
 mod error;
-mod geo_reference;
 pub mod http;
 mod maps;
-mod open_files;
 mod options;
-mod origin;
-mod padding;
-mod panics;
-mod pool;
-mod problem;
 pub mod queue;
-mod rates;
-mod reload;
-mod remote;
 mod routes;
 mod serve;
-mod signals;
-mod small_file;
-mod state;
 pub mod telemetry;
-mod tokens;
-mod tokens_file;
-mod watch;
 pub mod web_page;
 
 /// For programs that localize without HTTP, such as the workers of a cluster: thread pool, panic handling, probes and
 /// signals of the service.
 pub mod worker_api {
-    pub use crate::admin::{HealthProbe, probes};
-    pub use crate::panics::{hide_panic_messages, mark_service_thread, with_request};
-    pub use crate::pool::{JobSpec, Pool, Rejected};
-    pub use crate::signals::{Controllable, Signals};
+    pub use crate::queue::pool::{JobSpec, Pool, Rejected};
+    pub use crate::serve::admin::{HealthProbe, probes};
+    pub use crate::serve::signals::{Controllable, Signals};
+    pub use crate::telemetry::panics::{hide_panic_messages, mark_service_thread, with_request};
 }
 
 pub use crate::http::{ListenAddress, TlsFiles};
 pub use crate::telemetry::{LogLine, LogQueue};
-pub use clock::Clock;
-pub use decoded_request::{BodyKind, DecodedRequest, LocalizeFailure, NoPose};
 pub use error::ServerError;
-pub use geo_reference::GeoReference;
+pub use http::origin::{CorsOrigin, InvalidOrigin};
+pub use http::problem::ProblemDocument;
+pub use maps::geo_reference::GeoReference;
+pub use maps::remote::{AnswerFuture, MapDescription, RemoteBackend, RemoteMap, RemoteRequest};
 pub use options::{MapSource, RateLimit, ServerOptions, Timeouts};
-pub use origin::{CorsOrigin, InvalidOrigin};
-pub use problem::ProblemDocument;
-pub use rates::SharedRates;
-pub use remote::{AnswerFuture, MapDescription, RemoteBackend, RemoteMap, RemoteRequest};
+pub use queue::clock::Clock;
+pub use queue::rates::SharedRates;
+pub use routes::decoded_request::{BodyKind, DecodedRequest, LocalizeFailure, NoPose};
 pub use routes::openapi_json;
+pub use serve::signals::{run_prepared, run_until_signal};
 pub use serve::{Listening, Server, ServerHandle, ShutdownSummary};
-pub use signals::{run_prepared, run_until_signal};

@@ -12,12 +12,12 @@ use veiloc_localization::LocalizeOptions;
 use veiloc_map::MapMemory;
 use veiloc_map::is_map_name;
 
-use crate::clock::Clock;
 use crate::error::ServerError;
-use crate::geo_reference::GeoReference;
-use crate::origin::CorsOrigin;
-use crate::rates::SharedRates;
-use crate::remote::RemoteMap;
+use crate::http::origin::CorsOrigin;
+use crate::maps::geo_reference::GeoReference;
+use crate::maps::remote::RemoteMap;
+use crate::queue::clock::Clock;
+use crate::queue::rates::SharedRates;
 use crate::telemetry::{GatewayCounts, LogQueue};
 
 /// A map file and the name under which it is served.

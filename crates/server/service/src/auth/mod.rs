@@ -41,8 +41,11 @@ mod key;
 mod list;
 mod names;
 mod secret;
+pub(crate) mod small_file;
 mod store;
 mod timestamp;
+pub(crate) mod tokens;
+pub(crate) mod tokens_file;
 
 pub use edit::{Revocation, added, revoked};
 pub use entry::TokenEntry;

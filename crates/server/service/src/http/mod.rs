@@ -11,10 +11,14 @@
 mod address;
 mod attempts;
 mod connection;
+pub(crate) mod cors;
 mod expiry;
 mod faults;
 mod in_flight;
 mod listener;
+pub(crate) mod origin;
+pub(crate) mod padding;
+pub(crate) mod problem;
 mod stream;
 mod tls;
 #[cfg(unix)]

@@ -13,9 +13,9 @@ use rustls::{RootCertStore, ServerConfig};
 use sha2::{Digest as _, Sha256};
 use tokio_rustls::TlsAcceptor;
 
+use crate::auth::small_file::read_small_file;
 use crate::http::attempts::ReloadAttempts;
 use crate::http::expiry::not_after;
-use crate::small_file::read_small_file;
 
 /// Certificate chain, private key and client authorities, in PEM form.
 #[derive(Debug, Clone)]

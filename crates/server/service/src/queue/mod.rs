@@ -18,8 +18,11 @@
 //! ```
 #![forbid(unsafe_code)]
 
+pub(crate) mod clock;
 mod connections;
 mod fair_queue;
+pub(crate) mod pool;
+pub(crate) mod rates;
 mod throttle;
 
 pub use connections::{Admission, Connection, ConnectionLimits, Connections, Slot};

@@ -6,12 +6,12 @@ use axum::extract::Path;
 use axum::extract::rejection::PathRejection;
 use axum::http::HeaderMap;
 
+use crate::auth::tokens::Caller;
+use crate::http::problem::Problem;
 use crate::maps::LoadedMap;
-use crate::problem::Problem;
 use crate::queue::Connection;
-use crate::state::App;
+use crate::serve::state::App;
 use crate::telemetry::RequestContext;
-use crate::tokens::Caller;
 
 /// Authenticates the client and takes one request from its rate limit. Records the token in the connection and in the
 /// request context.

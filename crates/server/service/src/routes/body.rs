@@ -7,7 +7,7 @@ use axum::http::HeaderMap;
 use axum::http::header::EXPECT;
 use http_body_util::BodyExt as _;
 
-use crate::problem::Problem;
+use crate::http::problem::Problem;
 
 /// Maximum number of bytes that are read and discarded.
 const MAX_DRAINED: usize = 4 << 20;

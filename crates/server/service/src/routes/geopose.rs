@@ -17,13 +17,13 @@ use veiloc_protocol::SealedQuery;
 use super::authorize::authenticate;
 use super::localize::{ReadBody, check_media, json, localize_read, read, refuse};
 use super::request_options::RequestOptions;
-use crate::decoded_request::{BodyKind, DecodedRequest};
-use crate::geo_reference::{GeoPose, GeoPoseAccuracy, GeoReference};
+use crate::http::padding::PadLength;
+use crate::http::problem::Problem;
+use crate::maps::geo_reference::{GeoPose, GeoPoseAccuracy, GeoReference};
 use crate::maps::{LoadedMap, MapLookup};
-use crate::padding::PadLength;
-use crate::problem::Problem;
 use crate::queue::Connection;
-use crate::state::App;
+use crate::routes::decoded_request::{BodyKind, DecodedRequest};
+use crate::serve::state::App;
 use crate::telemetry::RequestContext;
 
 /// `imageFormat` of a sealed query.

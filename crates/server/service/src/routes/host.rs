@@ -7,7 +7,7 @@ use axum::http::header::HOST;
 use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
 
-use crate::problem::Problem;
+use crate::http::problem::Problem;
 
 pub(super) async fn require_host(request: Request, next: Next) -> Response {
     let hosts = request.headers().get_all(HOST).iter().count();

@@ -24,17 +24,17 @@ use super::authorize::{authenticate, resolve_map};
 use super::body;
 use super::request_options::RequestOptions;
 use crate::auth::TokenKey;
-use crate::decoded_request::{BodyKind, DecodedRequest, LocalizeFailure};
+use crate::auth::tokens::Caller;
+use crate::http::padding::{self, PadLength};
+use crate::http::problem::Problem;
+use crate::maps::remote::RemoteRequest;
 use crate::maps::{Backend, LoadedMap};
-use crate::padding::{self, PadLength};
-use crate::panics;
-use crate::pool::{JobSpec, Rejected};
-use crate::problem::Problem;
 use crate::queue::Connection;
-use crate::remote::RemoteRequest;
-use crate::state::App;
+use crate::queue::pool::{JobSpec, Rejected};
+use crate::routes::decoded_request::{BodyKind, DecodedRequest, LocalizeFailure};
+use crate::serve::state::App;
+use crate::telemetry::panics;
 use crate::telemetry::{LocalizationOutcome, RequestContext, RequestId, RequestStage};
-use crate::tokens::Caller;
 
 /// The pose of a sealed query.
 ///

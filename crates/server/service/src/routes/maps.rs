@@ -14,9 +14,9 @@ use veiloc_protocol::MapCoordinates;
 
 use super::authorize::{authenticate, authorize_map};
 use super::versions::version;
-use crate::problem::Problem;
+use crate::http::problem::Problem;
 use crate::queue::Connection;
-use crate::state::App;
+use crate::serve::state::App;
 use crate::telemetry::RequestContext;
 
 /// All maps that the token may use.

@@ -3,6 +3,7 @@
 mod accept;
 mod authorize;
 mod body;
+pub(crate) mod decoded_request;
 mod geopose;
 mod host;
 mod localize;
@@ -23,9 +24,9 @@ use axum::routing::{get, post};
 pub use openapi::openapi_json;
 pub(crate) use status::METRICS_TYPE;
 
-use crate::cors::cors;
-use crate::problem::Problem;
-use crate::state::App;
+use crate::http::cors::cors;
+use crate::http::problem::Problem;
+use crate::serve::state::App;
 
 /// Router of the listeners for queries.
 pub(crate) fn router(app: Arc<App>) -> Router {

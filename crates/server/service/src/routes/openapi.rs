@@ -11,7 +11,7 @@ use utoipa::{Modify, OpenApi};
 
 use self::answers::Answers;
 use super::{geopose, localize, maps, status};
-use crate::problem::ProblemDocument;
+use crate::http::problem::ProblemDocument;
 
 /// This document.
 #[utoipa::path(get, path = "/v1/openapi.json", responses((status = 200, description = "OpenAPI 3.1", body = Object)))]

@@ -21,8 +21,8 @@ use axum::response::{IntoResponse, Response};
 
 use super::authorize::authorize_map;
 use super::versions::version;
-use crate::problem::Problem;
-use crate::state::App;
+use crate::http::problem::Problem;
+use crate::serve::state::App;
 
 /// The page may reach only its own server. Pixels of the user's own image are shown as `blob:`.
 const POLICY: &str = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; style-src 'self'; \

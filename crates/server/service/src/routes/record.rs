@@ -15,9 +15,9 @@ use axum::http::{HeaderName, HeaderValue, Method};
 use axum::middleware::Next;
 use axum::response::Response;
 
-use crate::padding::pad_head;
-use crate::problem::{ProblemKind, set_instance};
-use crate::state::App;
+use crate::http::padding::pad_head;
+use crate::http::problem::{ProblemKind, set_instance};
+use crate::serve::state::App;
 
 /// The header with the request id.
 pub(super) const REQUEST_ID: HeaderName = HeaderName::from_static("veiloc-request-id");

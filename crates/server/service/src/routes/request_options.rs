@@ -5,7 +5,7 @@
 use axum::http::{HeaderMap, HeaderName};
 use veiloc_protocol::PositionHint;
 
-use crate::problem::Problem;
+use crate::http::problem::Problem;
 
 /// `true` withholds doubtful poses.
 pub(super) const TRUSTED_ONLY: HeaderName = HeaderName::from_static("veiloc-trusted-only");

@@ -8,9 +8,9 @@ use axum::http::header::CONTENT_TYPE;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 
+use crate::http::problem::Problem;
 use crate::maps::MapLookup;
-use crate::problem::Problem;
-use crate::state::{App, Readiness};
+use crate::serve::state::{App, Readiness};
 use crate::telemetry::RequestContext;
 
 /// Liveness: the process answers.

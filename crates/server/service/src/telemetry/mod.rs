@@ -26,6 +26,7 @@ mod background_queue;
 mod cluster;
 mod log;
 mod metrics;
+pub(crate) mod panics;
 mod process;
 mod request_context;
 mod request_id;

@@ -105,7 +105,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     use super::*;
-    use crate::problem::query_outcomes;
+    use crate::http::problem::query_outcomes;
 
     /// Every counted status is described.
     #[test]

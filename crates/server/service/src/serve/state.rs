@@ -4,18 +4,18 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
+use crate::auth::tokens::Callers;
+use crate::auth::tokens_file::TokensFile;
 use crate::error::ServerError;
 use crate::http::Tls;
+use crate::http::problem;
 use crate::maps::{MapReadOptions, Maps};
 use crate::options::ServerOptions;
-use crate::pool::Pool;
-use crate::problem;
 use crate::queue::LogThrottle;
+use crate::queue::pool::Pool;
+use crate::queue::rates::RatePolicy;
 use crate::queue::{ConnectionLimits, Connections};
-use crate::rates::RatePolicy;
 use crate::telemetry::{GaugeValues, Metrics, MetricsOptions, RequestIds, Traces};
-use crate::tokens::Callers;
-use crate::tokens_file::TokensFile;
 
 /// The service without its listeners.
 pub(crate) struct App {

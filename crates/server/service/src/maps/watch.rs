@@ -10,8 +10,8 @@ use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
 
-use crate::panics;
-use crate::state::App;
+use crate::serve::state::App;
+use crate::telemetry::panics;
 
 /// The polling threads; they end after this is dropped, each when it has finished the file it reads.
 pub(crate) struct Watchers {

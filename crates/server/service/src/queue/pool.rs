@@ -14,9 +14,9 @@ use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 
 use crate::auth::TokenKey;
-use crate::clock::Clock;
-use crate::panics;
+use crate::queue::clock::Clock;
 use crate::queue::{Charge, FairQueue};
+use crate::telemetry::panics;
 
 /// A job, independent of the type of its result.
 trait Work: Send {
@@ -296,7 +296,7 @@ mod tests {
     use std::sync::Barrier;
 
     use super::*;
-    use crate::clock::ManualClock;
+    use crate::queue::clock::ManualClock;
 
     fn pool(workers: usize, queue: usize) -> Pool {
         pool_by(&Clock::default(), workers, queue)

@@ -1,5 +1,10 @@
 //! The served maps. Each has its own readiness and can be replaced, added and removed while queries are answered.
 
+pub(crate) mod geo_reference;
+pub(crate) mod reload;
+pub(crate) mod remote;
+pub(crate) mod watch;
+
 use std::fs;
 use std::num::NonZeroU64;
 use std::path::{Path, PathBuf};
@@ -12,12 +17,12 @@ use veiloc_map::is_map_name;
 use veiloc_map::{MapError, MapFile, MapMemory};
 use veiloc_protocol::{MapCoordinates, Profile, RigMessage};
 
-use crate::decoded_request::BodyKind;
 use crate::error::ServerError;
-use crate::geo_reference::GeoReference;
+use crate::http::problem::Problem;
+use crate::maps::geo_reference::GeoReference;
+use crate::maps::remote::{MapDescription, RemoteBackend, RemoteMap};
 use crate::options::MapSource;
-use crate::problem::Problem;
-use crate::remote::{MapDescription, RemoteBackend, RemoteMap};
+use crate::routes::decoded_request::BodyKind;
 
 /// Maximum rows of a query, and bytes for its other fields.
 const QUERY_ROWS: usize = 4096;
@@ -429,7 +434,7 @@ mod tests {
     use veiloc_protocol::Profile;
 
     use super::*;
-    use crate::remote::{AnswerFuture, MapDescription, RemoteBackend, RemoteRequest};
+    use crate::maps::remote::{AnswerFuture, MapDescription, RemoteBackend, RemoteRequest};
 
     /// A backend whose map can be replaced.
     struct Replaced(Mutex<Arc<MapDescription>>);

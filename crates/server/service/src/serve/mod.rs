@@ -1,5 +1,10 @@
 //! Accepts connections, and shuts down so that every accepted request is answered.
 
+pub(crate) mod admin;
+pub(crate) mod open_files;
+pub(crate) mod signals;
+pub(crate) mod state;
+
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -7,15 +12,14 @@ use std::time::{Duration, Instant};
 use axum::Router;
 use tokio::sync::watch;
 
-use crate::admin;
 use crate::error::ServerError;
 use crate::http::{ListenAddress, Listener, Stream, serve_connection};
+use crate::maps::watch::Watchers;
 use crate::options::ServerOptions;
 use crate::queue::{Admission, Slot};
 use crate::routes::router;
-use crate::state::App;
+use crate::serve::state::App;
 use crate::telemetry::ConnectionFault;
-use crate::watch::Watchers;
 use hyper_util::service::TowerToHyperService;
 use tokio::task::JoinSet;
 

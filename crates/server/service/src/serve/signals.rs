@@ -1,10 +1,10 @@
 //! Runs the service as a program: runtime, and signals that stop or reload it.
 
 use crate::error::ServerError;
-use crate::open_files;
 use crate::options::ServerOptions;
-use crate::panics;
+use crate::serve::open_files;
 use crate::serve::{Listening, Server, ServerHandle, ShutdownSummary};
+use crate::telemetry::panics;
 
 /// What signals can do to a running program.
 pub trait Controllable: Clone + Send + Sync + 'static {

@@ -14,7 +14,7 @@ use crate::auth::TokenKey;
 use crate::telemetry::{RequestContext, RequestId};
 use veiloc_protocol::{Answer, MapCoordinates, PositionHint, Profile};
 
-use crate::decoded_request::{DecodedRequest, LocalizeFailure};
+use crate::routes::decoded_request::{DecodedRequest, LocalizeFailure};
 
 /// A map as described by its remote backend.
 #[derive(Debug, Clone)]

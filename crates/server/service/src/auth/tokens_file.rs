@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 use crate::auth::TokenList;
 use sha2::{Digest as _, Sha256};
 
+use crate::auth::small_file::read_small_file;
+use crate::auth::tokens::Callers;
 use crate::error::ServerError;
-use crate::rates::RatePolicy;
-use crate::small_file::read_small_file;
-use crate::tokens::Callers;
+use crate::queue::rates::RatePolicy;
 
 /// The token file: its last valid content, and since when it has been invalid.
 pub(crate) struct TokensFile {
@@ -120,8 +120,8 @@ pub(crate) fn hash(bytes: &[u8]) -> [u8; 32] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::Clock;
     use crate::options::RateLimit;
+    use crate::queue::clock::Clock;
     use std::num::NonZeroU32;
 
     const RATE: RateLimit = RateLimit { per_second: NonZeroU32::MIN, burst: NonZeroU32::MIN };

@@ -72,8 +72,8 @@ mod tests {
     use crate::telemetry::RequestIds;
 
     use super::with_request;
-    use crate::clock::Clock;
-    use crate::pool::{JobSpec, Pool};
+    use crate::queue::clock::Clock;
+    use crate::queue::pool::{JobSpec, Pool};
 
     /// Panics with a secret message on a thread of the pool.
     fn panic_in_a_job() {

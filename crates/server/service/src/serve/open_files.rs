@@ -12,7 +12,7 @@ const OTHER_FILES: u64 = 128;
 /// [`ServerError::OpenFiles`]: the system does not allow as many.
 #[cfg(unix)]
 pub(crate) fn raise_limit(options: &ServerOptions) -> Result<(), ServerError> {
-    let needed = options.connections.get() as u64 + crate::admin::CONNECTIONS as u64 + OTHER_FILES;
+    let needed = options.connections.get() as u64 + crate::serve::admin::CONNECTIONS as u64 + OTHER_FILES;
     // If the limit cannot be read, it cannot be checked.
     let Ok((soft, _)) = rlimit::Resource::NOFILE.get() else { return Ok(()) };
     let allowed = if soft >= needed { soft } else { rlimit::increase_nofile_limit(needed).unwrap_or(soft) };

@@ -8,10 +8,10 @@ use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
 use crate::auth::Timestamp;
+use crate::auth::tokens::Callers;
+use crate::auth::tokens_file::TokensCheck;
 use crate::maps::{FolderChange, MapSlot};
-use crate::state::App;
-use crate::tokens::Callers;
-use crate::tokens_file::TokensCheck;
+use crate::serve::state::App;
 
 impl App {
     /// Checks tokens and certificate: small files on which security depends.

@@ -16,8 +16,8 @@ use serde::Serialize;
 use utoipa::ToSchema;
 use veiloc_protocol::QueryError;
 
-use crate::decoded_request::{LocalizeFailure, NoPose};
-use crate::padding::{self, PadLength};
+use crate::http::padding::{self, PadLength};
+use crate::routes::decoded_request::{LocalizeFailure, NoPose};
 
 /// Why a request was refused. The messages are for developers of clients; logs contain only the name.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

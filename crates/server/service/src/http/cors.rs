@@ -16,7 +16,7 @@ use axum::http::{HeaderName, HeaderValue, Method, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
 
-use crate::state::App;
+use crate::serve::state::App;
 
 /// Methods of all addresses.
 const ALLOWED_METHODS: &str = "GET, POST";

@@ -11,8 +11,8 @@ use crate::telemetry::RequestContext;
 use axum::http::HeaderMap;
 use axum::http::header::AUTHORIZATION;
 
-use crate::problem::Problem;
-use crate::rates::{RatePolicy, TokenRateLimit, seconds_up};
+use crate::http::problem::Problem;
+use crate::queue::rates::{RatePolicy, TokenRateLimit, seconds_up};
 
 /// The client of a request.
 pub(crate) struct Caller {
@@ -202,8 +202,8 @@ fn bearer(value: &[u8]) -> Option<&[u8]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::{Clock, ManualClock};
     use crate::options::RateLimit;
+    use crate::queue::clock::{Clock, ManualClock};
 
     const RATE: RateLimit =
         RateLimit { per_second: NonZeroU32::MIN, burst: NonZeroU32::MIN.saturating_add(1) };

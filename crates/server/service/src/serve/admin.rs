@@ -17,12 +17,12 @@ use hyper_util::service::TowerToHyperService;
 use tokio::sync::watch;
 
 use crate::error::ServerError;
+use crate::http::problem::Problem;
 use crate::http::{ConnectionTimeouts, ListenAddress, Listener, serve_connection};
 use crate::options::Timeouts;
-use crate::problem::Problem;
 use crate::queue::{Admission, ConnectionLimits, Connections};
 use crate::routes::{METRICS_TYPE, admin_router};
-use crate::state::App;
+use crate::serve::state::App;
 
 /// Maximum number of open connections. A further connection evicts the one that has been idle longest.
 pub(crate) const CONNECTIONS: usize = 64;

@@ -12,8 +12,8 @@ use std::time::{Duration, Instant};
 use tokio::sync::Notify;
 
 use crate::auth::{Lane, TokenKey};
-use crate::clock::Clock;
 use crate::options::RateLimit;
+use crate::queue::clock::Clock;
 
 /// How the limits of a service are made.
 #[derive(Debug, Clone)]
@@ -205,7 +205,7 @@ impl std::fmt::Debug for SharedRates {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::ManualClock;
+    use crate::queue::clock::ManualClock;
 
     const fn number(n: u32) -> NonZeroU32 {
         NonZeroU32::new(n).expect("not zero")
