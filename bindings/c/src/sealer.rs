@@ -93,13 +93,13 @@ pub unsafe extern "C" fn veiloc_sealer_extract(
         // SAFETY: as above.
         let pose = unsafe { pointers::optional(camera_in_world) };
         let pose = pose.map(|pose| pose.cam_from_ar(axes(pose_axes)?)).transpose()?;
-        let held = pose.as_ref().map(orientation_in_world).transpose()?.unwrap_or_default();
+        let orientation = pose.as_ref().map(orientation_in_world).transpose()?.unwrap_or_default();
         // SAFETY: as above.
         if let Some(cancellation) = unsafe { pointers::optional(cancellation) } {
             image = image.with_stop(&cancellation.stop);
         }
         let brightness = image.gray().mean();
-        let extracted = sealer.extract(image, known)?.with_orientation(held);
+        let extracted = sealer.extract(image, known)?.with_orientation(orientation);
         let keypoints = extracted.features().keypoints.len();
         // SAFETY: as above.
         unsafe {

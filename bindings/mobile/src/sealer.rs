@@ -100,9 +100,9 @@ impl Sealer {
         let image = Image::from(&layout.frame(bytes)?).with_stop(&stop_of(cancellation));
         let camera = known_camera(camera, layout)?;
         let pose = camera_in_world.map(CameraPose::cam_from_ar).transpose()?;
-        let held = pose.as_ref().map(orientation_in_world).transpose()?.unwrap_or_default();
+        let orientation = pose.as_ref().map(orientation_in_world).transpose()?.unwrap_or_default();
         let brightness = image.gray().mean();
-        let extracted = self.sealer.extract(image, camera)?.with_orientation(held);
+        let extracted = self.sealer.extract(image, camera)?.with_orientation(orientation);
         let keypoints = extracted.features().keypoints.len() as u32;
         Ok(Arc::new(Extracted { features: Mutex::new(Some(extracted)), keypoints, brightness }))
     }

@@ -97,7 +97,7 @@ pub struct Sealer {
     pub send_gravity: Option<bool>,
 }
 
-/// An image, its camera, and how the camera was held.
+/// An image, its camera, and its orientation.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "camelCase", deny_unknown_fields)]
 pub struct Extract {

@@ -176,9 +176,9 @@ fn gravity_is_sent_in_and_without_a_session_unless_it_is_switched_off() {
     assert_eq!(gravity_of(&[], false, json!({})), None);
     assert_eq!(gravity_of(std::slice::from_ref(&down), false, json!({})), rounded(0.5));
     assert_eq!(gravity_of(&[down.clone(), ("downSdDeg", json!(2))], false, json!({})), rounded(2.0));
-    let held = [down, ("orientation", json!([1.0, 0.0, 0.0, 0.0]))];
-    assert_eq!(gravity_of(&held, true, json!({})), rounded(0.5));
-    assert_eq!(gravity_of(&held, true, json!({"sendGravity": false})), None);
+    let orientation = [down, ("orientation", json!([1.0, 0.0, 0.0, 0.0]))];
+    assert_eq!(gravity_of(&orientation, true, json!({})), rounded(0.5));
+    assert_eq!(gravity_of(&orientation, true, json!({"sendGravity": false})), None);
 }
 
 #[test]

@@ -110,9 +110,9 @@ pub(crate) struct Sealed {
     sent: usize,
 }
 
-/// How the camera was held when it took an image.
+/// Orientation and gravity of the camera when it took an image.
 #[derive(Clone, Copy, Default)]
-pub(crate) struct Held {
+pub(crate) struct Attitude {
     pub(crate) orientation: Orientation,
     pub(crate) gravity: Option<CoarseGravity>,
 }
@@ -123,7 +123,7 @@ pub(crate) fn extract(
     path: &Path,
     camera: KnownCamera,
     mask: Option<&Mask>,
-    held: Held,
+    attitude: Attitude,
 ) -> Result<Extracted, SealError> {
     let image = Image::open(path)?;
     let image = match mask {
@@ -131,7 +131,7 @@ pub(crate) fn extract(
         None => image,
     };
     let extracted = sealer.extract(image, camera)?;
-    Ok(extracted.with_orientation(held.orientation).with_gravity(held.gravity))
+    Ok(extracted.with_orientation(attitude.orientation).with_gravity(attitude.gravity))
 }
 
 /// Seals the features of an image, in a session if there is one.
@@ -153,7 +153,7 @@ pub(crate) fn seal_one(
     camera: CameraSource,
     sealer: &Sealer,
     mask: Option<&Mask>,
-    held: Held,
+    attitude: Attitude,
     session: Option<&mut SessionFile>,
 ) -> Result<Result<Sealed, InputError>, Failure> {
     let known = match camera.of(path) {
@@ -166,7 +166,7 @@ pub(crate) fn seal_one(
         }
         Err(e) => return Ok(Err(InputError::new(InputErrorKind::Damaged, e))),
     };
-    let extracted = match extract(sealer, path, known, mask, held) {
+    let extracted = match extract(sealer, path, known, mask, attitude) {
         Ok(extracted) => extracted,
         Err(error) => return Ok(Err(extraction_error(&error))),
     };

@@ -391,8 +391,8 @@ impl Kept {
         let frame = CameraFrame::new(PixelFormat::Gray, self.size, &self.pixels, 0)?.turned(self.turns);
         let image = Image::from(&frame).with_stop(stop);
         let brightness = image.gray().mean();
-        let held = orientation_in_world(&self.cam_from_ar)?;
-        let extracted = sealer.extract(image, self.camera)?.with_orientation(held);
+        let orientation = orientation_in_world(&self.cam_from_ar)?;
+        let extracted = sealer.extract(image, self.camera)?.with_orientation(orientation);
         let keypoints = extracted.features().keypoints.len();
         let query = sealer.in_session(session).seal(extracted, rng)?;
         Ok(Sealed { query, keypoints, brightness })

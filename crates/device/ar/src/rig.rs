@@ -17,7 +17,7 @@ use crate::unit::check_unit;
 pub fn orientation_in_world(cam_from_ar: &CameraFromAr) -> Result<Orientation, SealError> {
     let down = cam_from_ar.rotation() * -Vector3::y();
     let orientation = Orientation::in_world(*cam_from_ar.rotation());
-    orientation.and_then(|held| held.with_down(down.into())).ok_or(SealError::NoOrientation)
+    orientation.and_then(|known| known.with_down(down.into())).ok_or(SealError::NoOrientation)
 }
 
 /// Why queries give no message of a rig.

@@ -20,7 +20,7 @@ use crate::lines::read_text;
 use crate::official::is_whole;
 use crate::scene::{DatasetQuery, DatasetScene};
 use crate::write::lists::{make_folder_of, numbers, nvm, quaternion_and_translation, save_text};
-use crate::write::view::{DatasetCamera, DatasetView, ViewRole};
+use crate::write::view::{DatasetCamera, DatasetView, Split};
 
 const GET: &str = "get it from https://www.visuallocalization.net/datasets/ (Aachen Day-Night)";
 
@@ -213,19 +213,19 @@ pub(crate) fn write(
     let mut queries = [String::new(), String::new()];
     let mut poses = String::new();
     for (index, view) in views.iter().enumerate() {
-        let name = match view.role {
-            ViewRole::Map => format!("db/{}.png", mapped.len() + 1),
-            ViewRole::Query => format!("query/day/phone/{index}.png"),
-            ViewRole::NightQuery => format!("query/night/phone/{index}.png"),
+        let name = match view.split {
+            Split::Map => format!("db/{}.png", mapped.len() + 1),
+            Split::Query => format!("query/day/phone/{index}.png"),
+            Split::NightQuery => format!("query/night/phone/{index}.png"),
         };
         let image = root.join("images_upright").join(&name);
         make_folder_of(&image)?;
         save(index, &image)?;
-        if view.role == ViewRole::Map {
+        if view.split == Split::Map {
             mapped.push((name, view.cam_from_world));
             continue;
         }
-        let list = &mut queries[usize::from(view.role == ViewRole::NightQuery)];
+        let list = &mut queries[usize::from(view.split == Split::NightQuery)];
         list.push_str(&listed(&name, &camera));
         poses.push_str(&name);
         numbers(&mut poses, quaternion_and_translation(&view.cam_from_world));

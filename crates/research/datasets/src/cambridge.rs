@@ -15,7 +15,7 @@ use crate::lines::read_text;
 use crate::official::is_whole;
 use crate::scene::{DatasetQuery, DatasetScene};
 use crate::write::lists::{make_folder_of, numbers, nvm, save_text};
-use crate::write::view::{DatasetCamera, DatasetView, ViewRole};
+use crate::write::view::{DatasetCamera, DatasetView, Split};
 
 const GET: &str =
     "get the scene from https://www.repository.cam.ac.uk (Cambridge Landmarks) and unpack it whole";
@@ -180,7 +180,7 @@ pub(crate) fn write(
     let mut cameras = Vec::new();
     let mut counts = [0; 2];
     for (index, view) in views.iter().enumerate() {
-        let side = usize::from(view.role != ViewRole::Map);
+        let side = usize::from(view.split != Split::Map);
         counts[side] += 1;
         let name = format!("seq{}/frame{:05}.png", side + 1, counts[side]);
         let image = folder.join(&name);

@@ -17,7 +17,7 @@ use crate::lines::read_text;
 use crate::official::is_whole;
 use crate::scene::{DatasetQuery, DatasetScene};
 use crate::write::lists::{make_folder_of, numbers, quaternion_and_translation, save_text};
-use crate::write::view::{DatasetCamera, DatasetView, ViewRole};
+use crate::write::view::{DatasetCamera, DatasetView, Split};
 
 const GET: &str = "get the scene from https://www.microsoft.com/en-us/research/project/rgb-d-dataset-7-scenes/ and \
                    unpack its sequences";
@@ -251,7 +251,7 @@ pub(crate) fn write(
     let mut lists = [String::new(), String::new()];
     let mut counts = [0; 2];
     for (index, view) in views.iter().enumerate() {
-        let side = usize::from(view.role != ViewRole::Map);
+        let side = usize::from(view.split != Split::Map);
         let frame = format!("seq-{:02}/frame-{:06}", side + 1, counts[side]);
         counts[side] += 1;
         let image = folder.join(format!("{frame}.color.png"));

@@ -11,7 +11,7 @@ use veiloc_protocol::SealedQuery;
 
 use crate::commands::device_args::DeviceArgs;
 use crate::commands::image_list::images_of_list;
-use crate::commands::seal::{Held, seal_one};
+use crate::commands::seal::{Attitude, seal_one};
 use crate::output::exit::Failure;
 use crate::output::items::{InputError, InputErrorKind, Item};
 use crate::output::ui::Ui;
@@ -64,7 +64,7 @@ pub(super) fn tie_to_list(arg: Arg) -> Arg {
 pub(super) struct Sealing {
     images: Vec<(Item, CameraSource)>,
     sealer: Sealer,
-    held: Held,
+    attitude: Attitude,
 }
 
 impl ImageArgs {
@@ -89,8 +89,8 @@ impl ImageArgs {
         }
         warn_of_turned(images.iter().map(|(item, camera)| (item.path.as_path(), *camera)), ui);
         let sealer = self.device.sealer(map.profile(), ui)?;
-        let held = Held { gravity: self.device.gravity(), ..Held::default() };
-        Ok(Some(Sealing { images, sealer, held }))
+        let attitude = Attitude { gravity: self.device.gravity(), ..Attitude::default() };
+        Ok(Some(Sealing { images, sealer, attitude }))
     }
 }
 
@@ -113,7 +113,7 @@ impl Sealing {
         if let Some(fault) = &item.fault {
             return Ok(Err(fault.clone()));
         }
-        let sealed = seal_one(&item.path, *camera, &self.sealer, None, self.held, None)?;
+        let sealed = seal_one(&item.path, *camera, &self.sealer, None, self.attitude, None)?;
         Ok(sealed.and_then(|sealed| {
             let query = SealedQuery::decode(&sealed.bytes)
                 .map_err(|e| InputError::new(InputErrorKind::Damaged, e))?;

@@ -15,7 +15,7 @@ use crate::args::progressive_args::ProgressiveArgs;
 use crate::commands::device_args::DeviceArgs;
 use crate::commands::localize::document::answer_text;
 use crate::commands::mask_args::MaskArgs;
-use crate::commands::seal::{GIVE_CAMERA, Held, extract, seal};
+use crate::commands::seal::{Attitude, GIVE_CAMERA, extract, seal};
 use crate::commands::session_args::{self, SessionArgs};
 use crate::output::exit::{Exit, Failure, Outcome};
 use crate::output::ui::Ui;
@@ -153,9 +153,9 @@ fn send(
     ui.info(format!("map {}: profile {}", args.map, profile.id()));
     let sealer = args.device.sealer(&profile, ui)?;
     let gravity = args.device.gravity();
-    let held = Held { orientation: args.session.camera_orientation(gravity), gravity };
+    let attitude = Attitude { orientation: args.session.camera_orientation(gravity), gravity };
     let mut session = args.session.open()?;
-    let extracted = extract(&sealer, image, camera, hidden.mask.as_ref(), held)?;
+    let extracted = extract(&sealer, image, camera, hidden.mask.as_ref(), attitude)?;
     let keypoints = extracted.features().keypoints.len();
     let query = seal(&sealer, extracted, session.as_mut()).map_err(|error| match error {
         ClientError::Seal(error) => Failure::refused(format!("{}: {error}", image.display())),

@@ -8,7 +8,7 @@ use veiloc_client::SessionFile;
 use veiloc_mapping::mask_file;
 use veiloc_obfuscation::Sealer;
 
-use super::{Args, Held, Sealed, seal_one};
+use super::{Args, Attitude, Sealed, seal_one};
 use crate::args::camera::{CameraSource, warn_of_turned};
 use crate::commands::image_list::images_of_list;
 use crate::commands::mask_args::{MaskedRegion, MaskedRegionDetector};
@@ -111,12 +111,12 @@ pub(super) fn run(
             Err(fault.clone())
         } else {
             let gravity = args.device.gravity();
-            let held = Held { orientation: args.session.camera_orientation(gravity), gravity };
+            let attitude = Attitude { orientation: args.session.camera_orientation(gravity), gravity };
             let session = session.as_deref_mut();
             match hiding.of(&job.item.path, job.mask.as_deref()) {
                 Ok(hidden) => {
                     let mask = hidden.mask.as_ref();
-                    let sealed = seal_one(&job.item.path, job.camera, sealer, mask, held, session)?;
+                    let sealed = seal_one(&job.item.path, job.camera, sealer, mask, attitude, session)?;
                     sealed.map(|sealed| (sealed, hidden))
                 }
                 Err(fault) => Err(fault),

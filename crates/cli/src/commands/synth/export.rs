@@ -1,7 +1,7 @@
 //! `veiloc synth export`: writes a rendered scene in the layout of a published data set.
 
 use veiloc_datasets::DatasetError;
-use veiloc_datasets::write::{DatasetCamera, DatasetLayout, DatasetView, ViewRole, write};
+use veiloc_datasets::write::{DatasetCamera, DatasetLayout, DatasetView, Split, write};
 use veiloc_features::Progress as _;
 use veiloc_synthetic::{PathOptions, RenderOptions, RenderedRoom};
 
@@ -52,10 +52,10 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     progress.advance(1);
     let path =
         room.camera_path(&PathOptions::with_counts(args.map_views as usize, args.query_views as usize));
-    let map = path.mapping.iter().map(|pose| DatasetView { cam_from_world: *pose, role: ViewRole::Map });
+    let map = path.mapping.iter().map(|pose| DatasetView { cam_from_world: *pose, split: Split::Map });
     let queries = path.queries.iter().enumerate().map(|(k, pose)| DatasetView {
         cam_from_world: *pose,
-        role: if k % 3 == 2 { ViewRole::NightQuery } else { ViewRole::Query },
+        split: if k % 3 == 2 { Split::NightQuery } else { Split::Query },
     });
     let views: Vec<DatasetView> = map.chain(queries).collect();
     let knows_night = matches!(args.layout, DatasetLayout::Aachen | DatasetLayout::AachenV1_1);
@@ -63,7 +63,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
     write(args.layout, &args.out, &args.scene, &lens, &views, &mut |index, file| {
         let view = &views[index];
         let mut options = RenderOptions::with_seed(args.seed.wrapping_add(index as u64));
-        if knows_night && view.role == ViewRole::NightQuery {
+        if knows_night && view.split == Split::NightQuery {
             options.exposure = NIGHT;
         }
         let rendered = room.render(&view.cam_from_world, &camera, &options);

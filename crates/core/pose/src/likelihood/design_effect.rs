@@ -61,9 +61,9 @@ impl ScoreCells {
         let eigen = (unit * total * unit).symmetric_eigen();
         let least = MIN_EIGENVALUE * eigen.eigenvalues.max();
         let roots = eigen.eigenvalues.map(|v| if v > least { v.sqrt().recip() } else { 0.0 });
-        // `whiten · B · whitenᵀ` is the identity on the directions that are held.
+        // `whiten · B · whitenᵀ` is the identity on the directions that are constrained.
         let whiten = Matrix6::from_diagonal(&roots) * eigen.eigenvectors.transpose() * unit;
-        let held = roots.iter().filter(|r| **r > 0.0).count() as f64;
+        let constrained = roots.iter().filter(|r| **r > 0.0).count() as f64;
         let mut cells = [[Cell::default(); GRID]; GRID];
         let mut of_matches = 0.0;
         for ([column, row], score) in &self.scores {
@@ -80,7 +80,7 @@ impl ScoreCells {
         }
         let (mut found, mut expected) = (PRIOR_FREEDOM, PRIOR_FREEDOM);
         for width in [1, 2] {
-            let mut independent = held + of_matches;
+            let mut independent = constrained + of_matches;
             for rows in cells.chunks(width) {
                 for column in (0..GRID).step_by(width) {
                     let parts = || rows.iter().flat_map(|row| &row[column..column + width]);

@@ -87,7 +87,7 @@ fn with_priors(
     let evidence = combine_evidence(&mut contributions, &search.constraints);
     let camera_covariance = camera.covariance(search, &refined, &contributions);
     let gravity = gravity_tests(search, poses, &evidence);
-    let by_matches = inverse_or_infinite(&evidence.held);
+    let by_matches = inverse_or_infinite(&evidence.information);
     let margin = search.margin(poses, &by_matches, evidence.min_margin(), options);
     let by_matches = sum(&by_matches, &camera_covariance);
     let mut confidence = evidence.confidence(&contributions, poses, margin);
@@ -101,7 +101,7 @@ fn with_priors(
     let is_confirmed = confidence.gravity.is_some_and(|gravity| gravity.log_evidence > 0.0);
     let known = information_of_priors(search, &contributions, poses, is_confirmed);
     let mut covariances = Covariances {
-        all: sum(&inverse_or_infinite(&(evidence.held + known)), &camera_covariance),
+        all: sum(&inverse_or_infinite(&(evidence.information + known)), &camera_covariance),
         by_matches,
     };
     let sd = position_sd(&covariances.by_matches);

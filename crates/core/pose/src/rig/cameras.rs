@@ -100,17 +100,17 @@ fn covariance_of_several(
     refined: &Refined,
     contributions: &[FrameContribution<'_>],
 ) -> Symmetric6 {
-    let held: Matrix6<f64> = contributions
+    let information: Matrix6<f64> = contributions
         .iter()
         .zip(&search.constraints)
         .map(|(w, constraint)| {
             constraint.information_over_rig(&w.information_with_shared_errors(), &w.deviation)
         })
         .sum();
-    let held = held.cholesky();
+    let information = information.cholesky();
     let of_camera = |camera: &SharedCamera| {
         let (spread, force) = spread_and_force(search, refined, camera, contributions)?;
-        propagated(&held.as_ref()?.solve(&force), &spread)
+        propagated(&information.as_ref()?.solve(&force), &spread)
     };
     refined.cameras.iter().filter_map(of_camera).fold([[0.0; 6]; 6], |all, one| sum(&all, &one))
 }

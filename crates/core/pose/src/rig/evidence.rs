@@ -60,7 +60,7 @@ pub(super) struct FrameContribution<'a> {
 /// Evidence and information of a pose, from the matches alone.
 pub(super) struct FrameEvidence {
     /// Information, with the errors that neighbouring matches share and what frames repeat.
-    pub(super) held: Matrix6<f64>,
+    pub(super) information: Matrix6<f64>,
     /// Covariance as if all errors were independent.
     pub(super) independent: Symmetric6,
     /// Share of the gains that no other frame repeats, 0 to 1.
@@ -191,9 +191,9 @@ fn information_from_matches(
         Some((ray, _)) => {
             let direction = Vector6::new(0.0, 0.0, 0.0, ray.x, ray.y, ray.z);
             let along = information * direction;
-            let held = direction.dot(&along);
-            let rest = along * along.transpose() / held;
-            (if held > 0.0 { information - rest } else { information }, None)
+            let of_direction = direction.dot(&along);
+            let rest = along * along.transpose() / of_direction;
+            (if of_direction > 0.0 { information - rest } else { information }, None)
         }
         None => (information, None),
     }
@@ -255,18 +255,18 @@ pub(super) fn combine_evidence(
     let evidence = contributions.iter().zip(constraints).zip(&alone).map(of_one).fold(joint, f64::max);
 
     // So is its information, here with the errors that neighbouring matches share.
-    let log_held = |information: &Matrix6<f64>| log_det(information).unwrap_or(f64::NEG_INFINITY);
+    let log_det_of = |information: &Matrix6<f64>| log_det(information).unwrap_or(f64::NEG_INFINITY);
     let alone = over_rig(contributions, constraints, &|w| w.design_effect.recip());
     let joint = over_rig(contributions, constraints, &|w| w.share() / w.design_effect);
-    let held = alone
+    let information = alone
         .into_iter()
-        .fold(joint.iter().sum(), |a: Matrix6<f64>, b| if log_held(&b) > log_held(&a) { b } else { a });
+        .fold(joint.iter().sum(), |a: Matrix6<f64>, b| if log_det_of(&b) > log_det_of(&a) { b } else { a });
     let (total, single) = contributions.iter().fold((0.0, 0.0), |(total, single), w| {
         let gained: f64 = w.gains.iter().map(|(gain, _)| gain.max(0.0)).sum();
         (total + gained, single + gained * w.mean(&once))
     });
     FrameEvidence {
-        held,
+        information,
         independent,
         share: if total > 0.0 { single / total } else { 1.0 },
         log_evidence: evidence,

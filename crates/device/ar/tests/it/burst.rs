@@ -126,8 +126,8 @@ fn a_burst_of_one_frame_is_sealed_as_the_frame() {
     let sealed = seal(&mut burst, &mut own).expect("texture");
     let (image, sealer) = (Image::from(&padded), sealer(SealOptions::default()));
     let brightness = image.gray().mean();
-    let held = orientation_in_world(&frame.cam_from_ar).expect("finite");
-    let extracted = sealer.extract(image, known()).expect("texture").with_orientation(held);
+    let orientation = orientation_in_world(&frame.cam_from_ar).expect("finite");
+    let extracted = sealer.extract(image, known()).expect("texture").with_orientation(orientation);
     let keypoints = extracted.features().keypoints.len();
     let alone = sealer.in_session(&mut other).seal(extracted, &mut rng()).expect("texture");
     assert_eq!(sealed.message.frames[0].query.encode(), alone.encode());

@@ -134,10 +134,13 @@ fn sessions_take_orientation_and_gravity_from_the_ar_world() {
     assert!(matches!(without, Err(SealError::NoGravity)));
     // An ARKit camera in landscape, upright: `y` is up.
     let upright = Axes::OpenGl.cam_from_ar(&FrameworkPose::default()).expect("a pose");
-    let held = orientation_in_world(&upright).expect("finite");
-    sealer.in_session(&mut session).seal(extracted().with_orientation(held), &mut rng).expect("texture");
+    let orientation = orientation_in_world(&upright).expect("finite");
+    sealer
+        .in_session(&mut session)
+        .seal(extracted().with_orientation(orientation), &mut rng)
+        .expect("texture");
     assert_eq!((session.frames(), session.starts()), (1, 1));
-    let down = held.cam_from_world().expect("an orientation") * -Vector3::y();
+    let down = orientation.cam_from_world().expect("an orientation") * -Vector3::y();
     assert!((down - Vector3::y()).norm() < 1e-12, "down is along the image's y: {down}");
 }
 
@@ -148,14 +151,14 @@ fn gravity_is_sent_where_a_pose_has_it_unless_it_is_switched_off() {
     // Turned to the left about the viewing direction: down is along the image's x.
     let turned = FrameworkPose { rotation: [0.0, 0.0, 0.5_f64.sqrt(), 0.5_f64.sqrt()], ..Default::default() };
     let turned = Axes::OpenGl.cam_from_ar(&turned).expect("a pose");
-    let (held, unknown) = (orientation_in_world(&turned).expect("finite"), Orientation::unknown());
+    let (orientation, unknown) = (orientation_in_world(&turned).expect("finite"), Orientation::unknown());
     let measured = CoarseGravity::new([-1.0, 0.0, 0.0], 0.5).ok();
     let given = CoarseGravity::new([0.1, 0.9, 0.0], 2.0).ok();
     for in_session in [false, true] {
-        let gravity_of = |options: SealOptions, held, given| {
+        let gravity_of = |options: SealOptions, orientation, given| {
             let sealer = sealer(options);
             let extracted = sealer.extract(Image::from(&frame), camera()).expect("texture");
-            let extracted = extracted.with_orientation(held).with_gravity(given);
+            let extracted = extracted.with_orientation(orientation).with_gravity(given);
             let mut session = Session::new(SessionOptions::default(), &mut rng());
             let query = if in_session {
                 sealer.in_session(&mut session).seal(extracted, &mut rng())
@@ -165,10 +168,10 @@ fn gravity_is_sent_where_a_pose_has_it_unless_it_is_switched_off() {
             query.expect("texture").gravity()
         };
         let options = SealOptions::default();
-        assert_eq!(gravity_of(options.clone(), held, None), measured);
+        assert_eq!(gravity_of(options.clone(), orientation, None), measured);
         assert_eq!(gravity_of(options.clone(), unknown, None), None);
-        assert_eq!(gravity_of(options.clone(), held, given), given);
-        assert_eq!(gravity_of(options.without_gravity(), held, given), None);
+        assert_eq!(gravity_of(options.clone(), orientation, given), given);
+        assert_eq!(gravity_of(options.without_gravity(), orientation, given), None);
     }
 }
 

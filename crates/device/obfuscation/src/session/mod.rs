@@ -71,8 +71,8 @@ use crate::{Extracted, SealError, Sealer};
 /// let mut session = Session::new(SessionOptions::default(), &mut rng);
 /// // Orientation of the camera relative to any frame that is fixed in the world: from gyroscope or odometry.
 /// for quaternion in [[1.0, 0.0, 0.0, 0.0], [0.995, 0.0, 0.0998, 0.0]] {
-///     let held = Orientation::from_quaternion(quaternion).ok_or("no rotation")?;
-///     let extracted = Extracted::new(features(), camera).with_orientation(held);
+///     let orientation = Orientation::from_quaternion(quaternion).ok_or("no rotation")?;
+///     let extracted = Extracted::new(features(), camera).with_orientation(orientation);
 ///     let sealed = sealer.in_session(&mut session).seal(extracted, &mut rng)?;
 ///     assert_eq!(sealed.scheme().to_string(), "dcl");
 /// }

@@ -92,9 +92,9 @@ mod tests {
             // The camera in a world whose y axis is down.
             let cam_from_world = Rotation3::from_euler_angles(x, y, z);
             let down = cam_from_world * Vector3::y();
-            let held = Orientation::in_world(cam_from_world).expect("finite");
-            let held = held.with_down((down * 9.81).into()).expect("a direction");
-            let cam_from_level = held.levelled().expect("a direction");
+            let orientation = Orientation::in_world(cam_from_world).expect("finite");
+            let orientation = orientation.with_down((down * 9.81).into()).expect("a direction");
+            let cam_from_level = orientation.levelled().expect("a direction");
             assert!((cam_from_level.matrix().determinant() - 1.0).abs() < 1e-9);
             // The rounding is about a degree.
             assert!((cam_from_level * Vector3::y()).angle(&down) < 1.0_f64.to_radians());

@@ -31,7 +31,7 @@ pub(super) fn place_layout(
     extracted: &Extracted,
     scheme: Scheme,
 ) -> Result<LayoutPlacement, SealError> {
-    let Extracted { features, camera, orientation: held, .. } = extracted;
+    let Extracted { features, camera, orientation, .. } = extracted;
     let camera = &camera.intrinsics;
     let canonical = CanonicalCamera::for_intrinsics(camera)?;
     let descriptors = &features.descriptors;
@@ -41,7 +41,9 @@ pub(super) fn place_layout(
     let direction = |k: &Keypoint| camera.unproject(k.pixel).map(|p| p.bearing());
     let directions: Vec<Option<Vector3<f64>>> = features.keypoints.iter().map(direction).collect();
     let mut turned_away = false;
-    if let Some((start, cam_from_layout, matched)) = continue_start(session, features, &directions, held) {
+    if let Some((start, cam_from_layout, matched)) =
+        continue_start(session, features, &directions, orientation)
+    {
         if start.scheme != scheme {
             return Err(SealError::SessionChanged { what: "scheme or layout" });
         }
@@ -51,7 +53,7 @@ pub(super) fn place_layout(
         let turn = turn(&cam_from_layout)?;
         turned_away = session.options.memory && is_one_sided(features, camera, canonical, scheme, turn);
         if !turned_away {
-            let layout_from_world = start.layout_from_world.or(layout_from(turn, held));
+            let layout_from_world = start.layout_from_world.or(layout_from(turn, orientation));
             return Ok(LayoutPlacement {
                 turn,
                 start: Some(Start { layout_from_world, ..start }),
@@ -63,7 +65,7 @@ pub(super) fn place_layout(
             });
         }
     }
-    let (turn, start) = new_start(session, scheme, canonical, held)?;
+    let (turn, start) = new_start(session, scheme, canonical, orientation)?;
     let remembers = session.options.memory && session.options.anchors != SessionAnchors::Image;
     let before =
         if remembers { session.memory.overlapping(descriptors, &directions) } else { session.starts };
@@ -95,12 +97,12 @@ fn continue_start(
     session: &Session,
     features: &Features,
     directions: &[Option<Vector3<f64>>],
-    held: &Orientation,
+    orientation: &Orientation,
 ) -> Option<(Start, Rotation3<f64>, LandmarkMatches)> {
     let start = session.start?;
     let matched = session.memory.matched(&features.descriptors, session.starts);
     let pairs = session.memory.pairs(&matched, directions);
-    let measured = held.cam_from_world().zip(start.layout_from_world).map(|(c, l)| c * l.inverse());
+    let measured = orientation.cam_from_world().zip(start.layout_from_world).map(|(c, l)| c * l.inverse());
     let limit = session.options.max_correction_deg.to_radians();
     let cam_from_layout = match measured {
         Some(measured) => refine_rotation(&pairs, measured, limit),
@@ -114,7 +116,7 @@ fn new_start(
     session: &Session,
     scheme: Scheme,
     camera: CanonicalCamera,
-    held: &Orientation,
+    orientation: &Orientation,
 ) -> Result<(LayoutTurn, Option<Start>), SealError> {
     let is_dcl = matches!(scheme, Scheme::Dcl(_));
     let cam_from_layout = match session.options.anchors {
@@ -123,19 +125,19 @@ fn new_start(
             return Err(SealError::SessionScheme { scheme: scheme.name() });
         }
         SessionAnchors::World => Rotation3::identity(),
-        SessionAnchors::Gravity => held.levelled().ok_or(SealError::NoGravity)?,
+        SessionAnchors::Gravity => orientation.levelled().ok_or(SealError::NoGravity)?,
     };
     let turn = turn(&cam_from_layout)?;
     let stays = session.options.anchors != SessionAnchors::Image;
     // If a start is neither located in the world nor remembered, no later frame can share it.
-    let shared = stays && (held.cam_from_world().is_some() || session.options.memory);
-    let layout_from_world = layout_from(turn, held);
+    let shared = stays && (orientation.cam_from_world().is_some() || session.options.memory);
+    let layout_from_world = layout_from(turn, orientation);
     Ok((turn, shared.then_some(Start { scheme, camera, layout_from_world })))
 }
 
 /// The layout's rotation in the world, from the rounded rotation that is sent, so that later frames use the same.
-fn layout_from(turn: LayoutTurn, held: &Orientation) -> Option<Rotation3<f64>> {
-    held.cam_from_world().map(|cam_from_world| turn.cam_from_layout().inverse() * cam_from_world)
+fn layout_from(turn: LayoutTurn, orientation: &Orientation) -> Option<Rotation3<f64>> {
+    orientation.cam_from_world().map(|cam_from_world| turn.cam_from_layout().inverse() * cam_from_world)
 }
 
 fn turn(cam_from_layout: &Rotation3<f64>) -> Result<LayoutTurn, SealError> {

@@ -5,7 +5,7 @@ pub(crate) mod view;
 
 use std::path::Path;
 
-pub use self::view::{DatasetCamera, DatasetLayout, DatasetView, ViewRole};
+pub use self::view::{DatasetCamera, DatasetLayout, DatasetView, Split};
 use crate::error::DatasetError;
 use crate::{aachen, cambridge, seven_scenes};
 

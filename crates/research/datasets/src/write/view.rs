@@ -51,13 +51,13 @@ impl FromStr for DatasetLayout {
 pub struct DatasetView {
     /// Its pose.
     pub cam_from_world: CameraFromWorld,
-    /// Its purpose.
-    pub role: ViewRole,
+    /// What the data set uses it for.
+    pub split: Split,
 }
 
-/// Purpose of a view.
+/// What a data set uses a view for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ViewRole {
+pub enum Split {
     /// A map image.
     Map,
     /// A query.

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use veiloc_datasets::seven_scenes::PoseSource;
-use veiloc_datasets::write::{DatasetCamera, DatasetLayout, DatasetView, ViewRole, write};
+use veiloc_datasets::write::{DatasetCamera, DatasetLayout, DatasetView, Split, write};
 use veiloc_datasets::{DatasetError, DatasetScene, MissingImages, aachen, cambridge, seven_scenes};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::Rotation3;
@@ -135,13 +135,8 @@ fn views() -> Vec<DatasetView> {
     let pose = |x: f64| {
         CameraFromWorld::new(Rotation3::from_euler_angles(0.1 * x, 0.3, -0.2), [x, 1.0, 0.25 * x].into())
     };
-    let view = |x, role| DatasetView { cam_from_world: pose(x), role };
-    vec![
-        view(0.5, ViewRole::Map),
-        view(1.5, ViewRole::Query),
-        view(2.5, ViewRole::NightQuery),
-        view(3.5, ViewRole::Map),
-    ]
+    let view = |x, split| DatasetView { cam_from_world: pose(x), split };
+    vec![view(0.5, Split::Map), view(1.5, Split::Query), view(2.5, Split::NightQuery), view(3.5, Split::Map)]
 }
 
 fn written(layout: DatasetLayout, root: &Path) -> DatasetCamera {
@@ -160,7 +155,7 @@ fn check_round_trip(scene: &DatasetScene, lens: &DatasetCamera) {
         a.translation_error(b) < 1e-9 && a.rotation_error_degrees(b) < 1e-5
     };
     let (map, queries): (Vec<DatasetView>, Vec<DatasetView>) =
-        views().into_iter().partition(|view| view.role == ViewRole::Map);
+        views().into_iter().partition(|view| view.split == Split::Map);
     assert_eq!((scene.mapped.images().len(), scene.queries.len()), (2, 2));
     for (image, view) in scene.mapped.images().iter().zip(&map) {
         assert!(near(&image.cam_from_world, &view.cam_from_world), "{}", image.name);
