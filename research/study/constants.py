@@ -131,7 +131,7 @@ def constants_of_the_estimator(run):
     scaled(source / "sources", listed)
     target = Path(os.environ.get("CARGO_TARGET_DIR", source / "target"))
     built = subprocess.run(["cargo", "build", "--release", "--quiet", "--package", "veiloc-cli", "--target-dir", target],
-                           cwd=source / "sources", check=False)  # fmt: skip
+                           cwd=source / "sources", env={**os.environ, "RUSTFLAGS": "-Awarnings"}, check=False)  # fmt: skip
     if built.returncode:
         sys.exit("the scaled sources do not build")
     kinds = {"as given": [], "wrong camera": [], "gravity": ["--gravity", "0.5"]}

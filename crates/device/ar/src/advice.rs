@@ -7,7 +7,7 @@ use veiloc_protocol::{Answer, DoubtKind};
 /// What is known about the last frame and its answer.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Situation<'a> {
-    /// Mean gray of the frame, 0 to 1 ([`SealedCameraFrame::brightness`](crate::SealedCameraFrame::brightness)).
+    /// Mean gray of the frame, 0 to 1 ([`SealedBurst::brightness`](crate::SealedBurst::brightness)).
     pub brightness: Option<f64>,
     /// Keypoints that were found; `None` when the frame was not sealed.
     pub keypoints: Option<usize>,
