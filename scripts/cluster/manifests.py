@@ -113,7 +113,7 @@ def image(example):
     for pattern, what in ((r"^FROM (\S+)", "bases"), (r"^USER (\S+)", "user"), (r"^HEALTHCHECK (.*)", "health"),
                           (r"^COPY (.*)", "files"), (r"^ENTRYPOINT (.*)", "program"), (r"^STOPSIGNAL (.*)", "signal")):
         check(of(pattern, text) == of(pattern, service), f"Containerfile: {what} as of deploy/Containerfile")
-    clouds = bool(re.search(r"^clouds = ", (ROOT / "crates" / "tools" / "cli" / "Cargo.toml").read_text(), re.M))
+    clouds = bool(re.search(r"^clouds = ", (ROOT / "crates" / "cli" / "Cargo.toml").read_text(), re.M))
     check(clouds and "--features full" in text, "Containerfile: built with the cloud storage that the examples use")
     made = re.search(r"^RUN install --directory --owner (\d+) --group \d+ (.*)$", text, re.M)
     user = of(r"^USER (\d+):", text)[0]
