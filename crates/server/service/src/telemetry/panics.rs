@@ -102,7 +102,7 @@ mod tests {
             return panic_in_a_job();
         }
         let output = Command::new(std::env::current_exe().expect("this program"))
-            .args(["--exact", "panics::tests::panic_log_has_location_without_message"])
+            .args(["--exact", "telemetry::panics::tests::panic_log_has_location_without_message"])
             .arg("--nocapture")
             .env(CHILD, "1")
             .output()
