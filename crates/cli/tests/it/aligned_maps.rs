@@ -25,7 +25,11 @@ fn align(scene: &TestScene, map: &str, out: &str, to: &Similarity3) -> Run {
         lines.push(format!("{name}, {}, {}, {}", c.x, c.y, c.z));
     }
     scene.write("known.csv", lines.join("\n"));
-    scene.run(&format!("map align {map} --positions known.csv --no-self-test -o {out} --json")).succeeded()
+    scene
+        .run(&format!(
+            "map align {map} --positions known.csv --known-down none --no-self-test -o {out} --json"
+        ))
+        .succeeded()
 }
 
 fn number(value: &Value) -> f64 {
@@ -213,4 +217,47 @@ fn lengths_are_metres_only_if_the_map_knows() {
 
     let run = scene.run("map build --images images --metres -o none.vmap");
     assert!(run.code == Some(1) && run.stderr.contains("map align"), "{run}");
+}
+
+#[test]
+fn a_fit_that_is_not_to_be_believed_is_refused() {
+    let scene = scene();
+    let line = |f: &dyn Fn(usize, Vector3<f64>) -> Vector3<f64>| {
+        let known = scene.poses.iter().filter(|(name, _)| name.starts_with("map")).enumerate();
+        let lines = known.map(|(i, (name, pose))| {
+            let c = f(i, pose.center().coords);
+            format!("{name}, {}, {}, {}\n", c.x, c.y, c.z)
+        });
+        lines.collect::<String>()
+    };
+    let first = scene.poses[0].1.center().coords;
+    for (what, content, reason) in [
+        ("frozen", line(&|i, c| if i < 7 { first } else { c }), "repeat others"),
+        ("degrees", line(&|_, c| c * 1e-5), "degrees"),
+        ("mirrored", line(&|_, c| Vector3::new(c.x, -c.y, c.z)), "mirrored"),
+        ("upside down", line(&|_, c| Vector3::new(c.x, -c.y, -c.z)), "up by the images"),
+    ] {
+        scene.write("wrong.csv", content);
+        let command = "map align place.vmap --positions wrong.csv --metres --no-self-test -o wrong.vmap";
+        let run = scene.run(command);
+        assert!(run.code == Some(1) && run.stderr.contains(reason), "{what}: {run}");
+        assert!(run.stderr.contains("--accept-fit") && !scene.path("wrong.vmap").exists(), "{what}: {run}");
+        let accepted = scene.run(&format!("{command} --accept-fit")).succeeded();
+        assert!(accepted.stderr.contains(reason), "{what}: {accepted}");
+        std::fs::remove_file(scene.path("wrong.vmap")).expect("written");
+    }
+
+    // A right one is kept with its ±, and knows where down is.
+    scene.write("right.csv", line(&|_, c| 2.0 * c));
+    let run = scene
+        .run("map align place.vmap --positions right.csv --metres --no-self-test -o right.vmap")
+        .succeeded();
+    assert!(run.stderr.contains("scale ±") && run.stderr.contains("up ±"), "{run}");
+    let info = scene.run("map info right.vmap --json").json();
+    assert!(number(&info["accuracy"]["scale"]) < 1e-6, "{info}");
+    assert_eq!(info["down"], serde_json::json!([0.0, 0.0, -1.0]), "{info}");
+    assert!(scene.run("map info right.vmap").stdout.contains("aligned     scale ±"));
+    // A change of frame by other means has no such ±.
+    scene.run("map align right.vmap --to-map place.vmap --no-self-test -o back.vmap").succeeded();
+    assert!(scene.run("map info back.vmap --json").json()["accuracy"].is_null());
 }

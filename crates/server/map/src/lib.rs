@@ -9,7 +9,7 @@
 //!   is needed to modify one.
 //! - [`SelfTest`]: how well a map localizes its own images, and the [`CovarianceCalibration`] of covariances that
 //!   follows.
-//! - [`GravityDirection`]: the direction of gravity in the map, if known.
+//! - [`GravityDirection`]: the direction of gravity in the map, if known. [`AlignmentAccuracy`]: how well its frame is known.
 //! - [`WholeMapSummary`]: data that a compressed map keeps about the whole map.
 //! - [`Region`]: the part of a larger map that a map is; [`MapFile::region`] extracts it.
 //! - [`MapView`]: a map file, whole or with one image left out.
@@ -47,6 +47,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod alignment;
 pub mod atomic_file;
 pub mod colmap;
 mod compressed;
@@ -63,6 +64,7 @@ mod self_test;
 mod settings;
 pub mod text;
 
+pub use alignment::AlignmentAccuracy;
 pub use compressed::{PointSummary, WholeMapSummary};
 pub use error::{FilePosition, ManifestError, MapError, ModelRecord};
 pub use file::{

@@ -8,6 +8,7 @@ use veiloc_geometry::nalgebra::Matrix3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
 use veiloc_protocol::Profile;
 
+use crate::alignment::AlignmentAccuracy;
 use crate::compressed::WholeMapSummary;
 use crate::error::{MapError, ModelRecord};
 use crate::gravity::GravityDirection;
@@ -87,6 +88,8 @@ pub struct MapModel {
     pub down: Option<GravityDirection>,
     /// Whether map units are metres; false if not known, as of structure from motion.
     pub is_metric: bool,
+    /// How well the coordinate frame is known, if the map was aligned to known positions.
+    pub alignment: Option<AlignmentAccuracy>,
     /// Data about the whole map, in a compressed map; images can be neither added to it nor removed.
     pub compressed: Option<WholeMapSummary>,
     /// The part of a larger map, in a region; a region is also [`Self::compressed`], with the numbers of the larger
@@ -106,6 +109,7 @@ impl MapModel {
             self_test: None,
             down: None,
             is_metric: false,
+            alignment: None,
             compressed: None,
             region: None,
         }

@@ -186,10 +186,10 @@ impl Scene {
         if targets.is_empty() {
             return None;
         }
-        // As `level`; images that all look in one direction are taken as upright.
-        let up = align::level(model, None).map_or_else(
-            |_| -model.images.iter().map(|image| axis(&image.cam_from_world, 1)).sum::<Vector3<f64>>(),
-            |level| level.new_from_map.rotation.inverse() * Vector3::z(),
+        // Images that all look in one direction are taken as upright.
+        let up = align::MapUp::of(model).map_or_else(
+            || -model.images.iter().map(|image| axis(&image.cam_from_world, 1)).sum::<Vector3<f64>>(),
+            |up| up.direction,
         );
         let up = up.try_normalize(1e-9)?;
         let side = if up.x.abs() < 0.8 { Vector3::x() } else { Vector3::y() };

@@ -1,10 +1,12 @@
 //! `veiloc map align`: transforms a map to metres, north, gravity, or the coordinate frame of another map.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
-use veiloc_map::{GravityDirection, MapFile, MapModel};
+use veiloc_geometry::nalgebra::Vector3;
+use veiloc_map::{AlignmentAccuracy, GravityDirection, GravityDirectionError, MapFile, MapModel};
 use veiloc_mapping::Similarity3;
-use veiloc_mapping::align::{self, KnownPosition};
+use veiloc_mapping::align::{self, Alignment, AlignmentFault, KnownPosition, KnownPositions, MapUp};
 
 use super::alignment::AlignmentInfo;
 use super::edit::MapEdit;
@@ -19,16 +21,18 @@ use crate::output::ui::Ui;
 
 /// Transform a map to another world frame: to metres, north and gravity, or to the coordinate frame of another map.
 ///
-/// Known positions determine a similarity (scale, rotation, translation); up to half of them may be wrong, and the distance of each
-/// one is printed. With GPS, the new coordinate frame is east, north, up in metres about the first image with GPS. The map tests itself again
-/// at the end, because the calibration of its answers has lengths.
+/// Known positions determine a similarity (scale, rotation, translation), with the direction of gravity in the map, or as its images
+/// show it; up to half of them may be wrong, and the distance of each one is printed. The ± of scale, up, north and position are
+/// printed and kept in the map, and GeoPoses include them. A fit that is not to be believed is refused with the reasons. With GPS,
+/// the new coordinate frame is east, north, up in metres about the first image with GPS. The map tests itself again at the end,
+/// because the calibration of its answers has lengths.
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("target").required(true))]
 pub(crate) struct AlignArgs {
     /// The map.
     map: PathBuf,
     /// Align to known positions: lines `NAME X Y Z` (the centre of an image's camera) or `X Y Z X Y Z` (a point in the map, and in
-    /// the new coordinate frame), with commas or spaces; three or more that are not on a line.
+    /// the new coordinate frame), with commas or spaces; two or more that are not above each other. `z` is up, or see --known-down.
     #[arg(long, value_name = "FILE", group = "target")]
     positions: Option<PathBuf>,
     /// Align to the camera positions of posed images, for example of an AR capture of the same images; any format that `map build
@@ -54,8 +58,15 @@ pub(crate) struct AlignArgs {
     metres: bool,
     /// Direction of gravity (down) in the axes of the map, as for `map build`. Default: that of the map, or else of its
     /// images.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, requires = "level")]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, conflicts_with = "to_map")]
     down: Option<GravityDirection>,
+    /// Direction of gravity (down) in the axes of the positions of --positions or --posed; `none` if it is not known. Default: -z
+    /// for --positions, and for --posed that of its format, if it defines one.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, conflicts_with_all = ["gps", "to_map", "level"])]
+    known_down: Option<KnownDown>,
+    /// Write the map although its fit is not to be believed.
+    #[arg(long)]
+    accept_fit: bool,
     #[command(flatten)]
     finish: FinishArgs,
     /// The map file to write. Default: the map itself.
@@ -66,12 +77,29 @@ pub(crate) struct AlignArgs {
     json: bool,
 }
 
+/// A direction of gravity, or none.
+#[derive(Debug, Clone, Copy)]
+struct KnownDown(Option<GravityDirection>);
+
+impl FromStr for KnownDown {
+    type Err = GravityDirectionError;
+
+    fn from_str(text: &str) -> Result<Self, GravityDirectionError> {
+        if text == "none" { Ok(Self(None)) } else { text.parse().map(|down| Self(Some(down))) }
+    }
+}
+
 pub(super) fn run(args: &AlignArgs, ui: &Ui) -> Outcome {
     let edit = MapEdit::begin(&args.map, args.out.as_deref(), ui)?;
     let mut model = edit.read()?;
-    let Found { similarity, info: alignment, is_metric } = find(args, &model, ui)?;
+    if args.down.is_some() {
+        model.down = args.down;
+    }
+    let Found { similarity, info: alignment, is_metric, down, accuracy } = find(args, &model, edit.out, ui)?;
     align::transform(&mut model, &similarity)?;
     model.is_metric = is_metric;
+    model.down = down.or(model.down);
+    model.alignment = accuracy;
     let mut warnings = Vec::new();
     args.finish.finish(&mut model, &mut warnings, edit.out, ui)?;
     edit.write(&model)?;
@@ -86,9 +114,13 @@ struct Found {
     info: AlignmentInfo,
     /// Whether lengths of the new coordinate frame are metres, as far as known.
     is_metric: bool,
+    /// The direction of gravity in the new coordinate frame, if the target has it.
+    down: Option<GravityDirection>,
+    /// How well the new coordinate frame is known, if that was measured.
+    accuracy: Option<AlignmentAccuracy>,
 }
 
-fn find(args: &AlignArgs, model: &MapModel, ui: &Ui) -> Result<Found, Failure> {
+fn find(args: &AlignArgs, model: &MapModel, out: &Path, ui: &Ui) -> Result<Found, Failure> {
     if let Some(reference) = &args.to_map {
         let reference = MapFile::open(reference)?.to_model();
         let frame = align::align_to_map(model, &reference, &Stages::new(ui))?;
@@ -96,52 +128,112 @@ fn find(args: &AlignArgs, model: &MapModel, ui: &Ui) -> Result<Found, Failure> {
             similarity: frame.map_from_given,
             info: AlignmentInfo::of_coordinate_frame(&frame),
             is_metric: reference.is_metric,
+            down: reference.down,
+            accuracy: reference.alignment,
         });
     }
     if args.level {
-        let level = align::level(model, args.down)?;
-        if let Some(tilt) = level.tilt_deg {
-            ui.info(format_args!(
-                "Gravity by the images, whose horizontal axes are tilted by {tilt:.1}° in the median"
-            ));
-        }
-        return Ok(Found {
-            similarity: level.new_from_map,
-            info: AlignmentInfo::of(&level.new_from_map),
-            is_metric: model.is_metric,
-        });
+        return level(model, ui);
     }
-    let (mut origin, mut is_metric) = (None, args.metres);
-    let positions = if let Some(path) = &args.positions {
-        let (positions, unknown) = align::read_positions(path, model)?;
-        if let Some(first) = unknown.first() {
-            ui.warn(format_args!(
-                "warning: {}: {} names are not in the map, the first is {first}",
-                path.display(),
-                unknown.len()
-            ));
+    let known = known_positions(args, model, ui)?;
+    for remark in &known.remarks {
+        ui.warn(format_args!("warning: {remark}"));
+    }
+    let mut alignment = align::align_to_positions(&known, MapUp::of(model))?;
+    if known.is_metric {
+        alignment.faults.extend(align::implausible_metres(model, alignment.new_from_map.scale));
+    }
+    let info = AlignmentInfo::of_positions(&alignment, &known);
+    judge(args, &alignment, &info, out, ui)?;
+    Ok(Found {
+        similarity: alignment.new_from_map,
+        info,
+        is_metric: known.is_metric,
+        down: known.down,
+        accuracy: Some(alignment.accuracy),
+    })
+}
+
+/// Refuses a fit that is not to be believed.
+fn judge(
+    args: &AlignArgs,
+    alignment: &Alignment,
+    info: &AlignmentInfo,
+    out: &Path,
+    ui: &Ui,
+) -> Result<(), Failure> {
+    if alignment.faults.is_empty() {
+        return Ok(());
+    }
+    let faults: Vec<String> = alignment.faults.iter().map(AlignmentFault::to_string).collect();
+    if args.accept_fit {
+        for fault in &faults {
+            ui.warn(format_args!("warning: {fault}"));
         }
-        positions
-    } else if let Some(images) = &args.gps {
-        let (positions, place) = align::gps_positions(model, images)?;
-        origin = Some([place.latitude, place.longitude, place.altitude]);
-        is_metric = true;
-        positions
+        return Ok(());
+    }
+    info.print_fit(unit_of(args.gps.is_some() || args.metres), ui);
+    Err(Failure::with_help(
+        format!("{}: not written: the fit is not to be believed: {}", out.display(), faults.join("; ")),
+        "correct the positions, or write the map all the same with --accept-fit",
+    ))
+}
+
+fn level(model: &MapModel, ui: &Ui) -> Result<Found, Failure> {
+    let up = if let Some(down) = model.down {
+        -Vector3::from(down.in_world())
+    } else {
+        let found = align::up_of_images(model)?;
+        let turned = if found.turned > 0 {
+            format!("; {} are stored on their side", found.turned)
+        } else {
+            String::new()
+        };
+        ui.info(format_args!(
+            "Gravity by the images to ± {:.1}°; their horizontal axes are tilted by {:.1}° in the median{turned}",
+            found.sd_deg * std::f64::consts::SQRT_2,
+            found.tilt_deg
+        ));
+        found.direction
+    };
+    let similarity = align::level(&up);
+    Ok(Found {
+        similarity,
+        info: AlignmentInfo::of(&similarity),
+        is_metric: model.is_metric,
+        down: GravityDirection::new([0.0, 0.0, -1.0]).ok(),
+        accuracy: None,
+    })
+}
+
+fn known_positions(args: &AlignArgs, model: &MapModel, ui: &Ui) -> Result<KnownPositions, Failure> {
+    if let Some(images) = &args.gps {
+        return Ok(align::gps_positions(model, images)?);
+    }
+    let mut known = if let Some(path) = &args.positions {
+        align::read_positions(path, model)?
     } else {
         let posed = args.posed.as_deref().ok_or_else(|| Failure::refused("give a target"))?;
         let beside = if posed.is_dir() { Some(posed) } else { posed.parent() };
         let images = args.images.as_deref().or(beside).unwrap_or(posed);
         let read = read_posed_input(posed, images, ui)?;
-        is_metric |= read.is_metric;
-        let known = read.images;
         let center = |pose: &veiloc_geometry::CameraFromWorld| pose.center().coords;
         let of = |image: &veiloc_map::MapImage| {
-            let known = center(&known.get(&image.name)?.cam_from_world);
-            Some(KnownPosition { name: image.name.clone(), in_map: center(&image.cam_from_world), known })
+            let known = center(&read.images.get(&image.name)?.cam_from_world);
+            let in_map = center(&image.cam_from_world);
+            Some(KnownPosition { name: image.name.clone(), in_map, known, has_height: true, sd: 0.0 })
         };
-        model.images.iter().filter_map(of).collect()
+        KnownPositions {
+            positions: model.images.iter().filter_map(of).collect(),
+            down: read.down,
+            has_heights: true,
+            is_metric: read.is_metric,
+            ..KnownPositions::default()
+        }
     };
-    let alignment = align::align_to_positions(&positions)?;
-    let info = AlignmentInfo::of_positions(&alignment, &positions, origin);
-    Ok(Found { similarity: alignment.new_from_map, info, is_metric })
+    known.is_metric |= args.metres;
+    if let Some(KnownDown(down)) = args.known_down {
+        known.down = down;
+    }
+    Ok(known)
 }

@@ -1,7 +1,8 @@
 //! The transform of a map, as text and as JSON.
 
 use serde::Serialize;
-use veiloc_mapping::align::{Alignment, KnownPosition};
+use veiloc_map::AlignmentAccuracy;
+use veiloc_mapping::align::{Alignment, KnownPositions};
 use veiloc_mapping::{OtherCoordinateFrame, Similarity3};
 use veiloc_report::significant;
 
@@ -19,12 +20,53 @@ pub(super) struct AlignmentInfo {
     translation: [f64; 3],
     /// Root mean square of the distances of the positions that were used, new units; null if there were no positions.
     rms: Option<f64>,
-    /// Latitude and longitude (degrees) and altitude (metres) of the origin of a coordinate frame from GPS; null otherwise.
-    origin: Option<[f64; 3]>,
+    /// How well the new coordinate frame is known; null if that was not measured.
+    accuracy: Option<AccuracyInfo>,
+    /// Positions that repeat others, and count as one.
+    repeated: usize,
+    /// Latitude and longitude (degrees) and altitude (metres; null if it is not known) of the origin of a coordinate frame from
+    /// GPS; null otherwise. Cameras mostly store the altitude above the sea; a GeoPose needs that above the ellipsoid.
+    origin: Option<(f64, f64, Option<f64>)>,
     /// The known positions.
     positions: Vec<PositionInfo>,
     /// Images of the one map that were localized in the other, and agree; null for other targets.
     localized: Option<usize>,
+}
+
+/// How well a coordinate frame is known: standard deviations.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(super) struct AccuracyInfo {
+    /// Of the scale, as a share.
+    scale: f64,
+    /// Of the up direction, degrees.
+    tilt_deg: f64,
+    /// Of the rotation about up, degrees.
+    heading_deg: f64,
+    /// Of the position of `center`, new units.
+    position: f64,
+    /// Where the position is known best, new units.
+    center: [f64; 3],
+}
+
+impl From<AlignmentAccuracy> for AccuracyInfo {
+    fn from(of: AlignmentAccuracy) -> Self {
+        let AlignmentAccuracy { scale, tilt_deg, heading_deg, position, center } = of;
+        Self { scale, tilt_deg, heading_deg, position, center }
+    }
+}
+
+impl AccuracyInfo {
+    /// For people.
+    pub(super) fn describe(&self, unit: &str) -> String {
+        format!(
+            "scale ± {} %, up ± {:.1}°, north ± {:.1}°, position ± {} {unit}",
+            significant(100.0 * self.scale),
+            self.tilt_deg,
+            self.heading_deg,
+            significant(self.position)
+        )
+    }
 }
 
 /// A known position.
@@ -47,19 +89,18 @@ impl AlignmentInfo {
             rotation: std::array::from_fn(|i| std::array::from_fn(|j| matrix[(i, j)])),
             translation: similarity.translation.into(),
             rms: None,
+            accuracy: None,
+            repeated: 0,
             origin: None,
             positions: Vec::new(),
             localized: None,
         }
     }
 
-    /// Of known positions; `origin`: of a coordinate frame from GPS.
-    pub(super) fn of_positions(
-        alignment: &Alignment,
-        positions: &[KnownPosition],
-        origin: Option<[f64; 3]>,
-    ) -> Self {
-        let each = positions.iter().zip(&alignment.residuals).zip(&alignment.used);
+    /// Of known positions.
+    pub(super) fn of_positions(alignment: &Alignment, known: &KnownPositions) -> Self {
+        let height = |altitude| alignment.has_heights.then_some(altitude);
+        let each = known.positions.iter().zip(&alignment.residuals).zip(&alignment.used);
         let positions = each.map(|((position, distance), used)| PositionInfo {
             name: position.name.clone(),
             distance: *distance,
@@ -67,7 +108,9 @@ impl AlignmentInfo {
         });
         Self {
             rms: Some(alignment.rms),
-            origin,
+            accuracy: Some(alignment.accuracy.into()),
+            repeated: alignment.repeated,
+            origin: known.origin.map(|place| (place.latitude, place.longitude, height(place.altitude))),
             positions: positions.collect(),
             ..Self::of(&alignment.new_from_map)
         }
@@ -78,7 +121,20 @@ impl AlignmentInfo {
         Self { localized: Some(frame.localized), ..Self::of(&frame.map_from_given) }
     }
 
+    /// What was fitted, and the distance of each position.
     pub(super) fn print(&self, unit: &str, ui: &Ui) {
+        self.print_fit(unit, ui);
+        for PositionInfo { name, distance, used } in self.positions.iter().take(SHOWN) {
+            let note = if *used { "" } else { "  not used" };
+            ui.info(format_args!("  {:>10}  {name}{note}", significant(*distance)));
+        }
+        if self.positions.len() > SHOWN {
+            ui.info(format_args!("  … {} more; --json has all", self.positions.len() - SHOWN));
+        }
+    }
+
+    /// What was fitted.
+    pub(super) fn print_fit(&self, unit: &str, ui: &Ui) {
         let angle = Similarity3 {
             rotation: veiloc_geometry::nalgebra::Rotation3::from_matrix_unchecked(
                 veiloc_geometry::nalgebra::Matrix3::from_fn(|i, j| self.rotation[i][j]),
@@ -87,10 +143,20 @@ impl AlignmentInfo {
         }
         .angle_deg();
         ui.info(format_args!("Aligned: scale {:.6}, rotation {angle:.2}°", self.scale));
-        if let Some([latitude, longitude, altitude]) = self.origin {
-            ui.info(format_args!(
-                "  origin {latitude:.7}, {longitude:.7}, {altitude:.2} m; axes east, north, up"
-            ));
+        if let Some(accuracy) = &self.accuracy {
+            ui.info(format_args!("  {}", accuracy.describe(unit)));
+        }
+        if let Some((latitude, longitude, altitude)) = self.origin {
+            let altitude = altitude.map_or_else(
+                || "height not known".to_owned(),
+                |altitude| {
+                    format!(
+                        "{altitude:.2} m (cameras mostly store the height above the sea; serve --geo-reference needs that above \
+                         the ellipsoid)"
+                    )
+                },
+            );
+            ui.info(format_args!("  origin {latitude:.7}, {longitude:.7}, {altitude}; axes east, north, up"));
         }
         if let Some(localized) = self.localized {
             ui.info(format_args!("  {localized} images localized in the other map agree"));
@@ -102,12 +168,8 @@ impl AlignmentInfo {
                 self.positions.len(),
                 significant(rms)
             ));
-            for PositionInfo { name, distance, used } in self.positions.iter().take(SHOWN) {
-                let note = if *used { "" } else { "  not used" };
-                ui.info(format_args!("  {:>10}  {name}{note}", significant(*distance)));
-            }
-            if self.positions.len() > SHOWN {
-                ui.info(format_args!("  … {} more; --json has all", self.positions.len() - SHOWN));
+            if self.repeated > 0 {
+                ui.info(format_args!("  {} positions repeat others, and count as one", self.repeated));
             }
         }
     }

@@ -8,7 +8,7 @@ use veiloc_geometry::Intrinsics;
 use veiloc_map::MapFile;
 use veiloc_mapping::{BadImage, CoordinateFrameReport, MapWarning, SkippedImages};
 
-use super::alignment::AlignmentInfo;
+use super::alignment::{AccuracyInfo, AlignmentInfo};
 use super::coordinate_frame::{self, CoordinateFrameInfo};
 use super::self_test::SelfTestInfo;
 use crate::output::exit::{Exit, Outcome};
@@ -53,6 +53,8 @@ pub(crate) struct Info {
     is_metric: bool,
     /// Direction of gravity (down), a unit vector in the axes of the map; null if not known (`--down`).
     down: Option<[f64; 3]>,
+    /// How well the coordinate frame is known on earth or in the plan that the map was aligned to; null if it was not aligned.
+    accuracy: Option<AccuracyInfo>,
     /// The original of a compressed map; null otherwise.
     compressed: Option<CompressedInfo>,
     /// The part of a larger map that a region holds; null otherwise.
@@ -241,6 +243,7 @@ fn facts(map: &MapFile, path: &Path) -> Info {
         profile: map.profile().id().to_string(),
         is_metric: map.is_metric(),
         down: map.down().map(|down| down.in_world()),
+        accuracy: map.alignment().map(AccuracyInfo::from),
         compressed: map.compressed().map(|c| CompressedInfo {
             bytes: c.bytes,
             keypoints: c.keypoints,
@@ -287,6 +290,9 @@ fn describe(info: &Info) -> String {
     let known =
         if info.is_metric { "metres" } else { "not known: lengths are in units; --metres or `map align`" };
     text.extend(["  unit        ", known, "\n"]);
+    if let Some(accuracy) = &info.accuracy {
+        text.extend(["  aligned     ", &accuracy.describe(unit), "\n"]);
+    }
     if let Some(region) = &info.region {
         text.extend([format!(
             "  region      {} images of the {} of the whole map, {} in its core; images cannot be added \

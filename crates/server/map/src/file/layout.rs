@@ -55,11 +55,13 @@ pub(super) enum Section {
     Packed = 17,
     /// Optional, empty: map units are metres.
     Metric = 18,
+    /// Optional.
+    Alignment = 19,
 }
 
 impl Section {
     /// In the order of their codes, which are 1, 2, 3, ...
-    pub(super) const ALL: [Self; 18] = [
+    pub(super) const ALL: [Self; 19] = [
         Self::Profile,
         Self::Settings,
         Self::Cameras,
@@ -78,6 +80,7 @@ impl Section {
         Self::Region,
         Self::Packed,
         Self::Metric,
+        Self::Alignment,
     ];
 
     /// The required sections, in order; the others are optional.
@@ -126,6 +129,7 @@ impl Section {
             Self::Compressed => "compressed",
             Self::Packed => "packed",
             Self::Metric => "metric",
+            Self::Alignment => "alignment",
             Self::Region => "region",
         }
     }

@@ -19,6 +19,7 @@ use super::layout::{
 use super::view::{ImageEntry, LargeSections, MapFile};
 use super::write::{IN_MEMORY, MapEncoding, byte_count, in_memory};
 use super::{compressed, region, self_test};
+use crate::alignment::AlignmentAccuracy;
 use crate::compressed::WholeMapSummary;
 use crate::error::MapError;
 use crate::gravity::GravityDirection;
@@ -96,6 +97,7 @@ impl MapFile {
             self_test,
             down,
             is_metric,
+            alignment,
             compressed,
             region,
             large,
@@ -111,6 +113,7 @@ impl MapFile {
             self_test,
             down,
             is_metric,
+            alignment,
             compressed,
             region,
             large,
@@ -132,6 +135,7 @@ struct Parts {
     self_test: Option<SelfTest>,
     down: Option<GravityDirection>,
     is_metric: bool,
+    alignment: Option<AlignmentAccuracy>,
     compressed: Option<WholeMapSummary>,
     region: Option<Region>,
     large: LargeSections,
@@ -237,7 +241,7 @@ impl<'a> Parser<'a> {
             observations: range(Section::Observations),
         };
         let (self_test, down) = (self.self_test(sections)?, self.down(sections)?);
-        let is_metric = self.is_metric(sections)?;
+        let (is_metric, alignment) = (self.is_metric(sections)?, self.alignment(sections)?);
         let compressed = sections[Section::Compressed as usize - 1].clone();
         let compressed = compressed
             .map(|range| {
@@ -257,6 +261,7 @@ impl<'a> Parser<'a> {
             self_test,
             down,
             is_metric,
+            alignment,
             compressed,
             region,
             large,
@@ -281,6 +286,14 @@ impl<'a> Parser<'a> {
     pub(super) fn is_metric(&self, sections: &Sections) -> Result<bool, MapError> {
         let Some(range) = &sections[Section::Metric as usize - 1] else { return Ok(false) };
         if range.is_empty() { Ok(true) } else { Err(self.wrong(Section::Metric.name(), "is not empty")) }
+    }
+
+    pub(super) fn alignment(&self, sections: &Sections) -> Result<Option<AlignmentAccuracy>, MapError> {
+        let decode = |range: Range<usize>| {
+            let numbers: &[f64; 7] = self.record(&range, Section::Alignment)?;
+            AlignmentAccuracy::from_stored(*numbers).map_err(|e| self.wrong(Section::Alignment.name(), &e))
+        };
+        sections[Section::Alignment as usize - 1].clone().map(decode).transpose()
     }
 
     pub(super) fn region(

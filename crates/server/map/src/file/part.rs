@@ -76,6 +76,7 @@ impl MapFile {
             self_test: self.self_test().cloned(),
             down: self.down(),
             is_metric: self.is_metric(),
+            alignment: self.alignment(),
             compressed: Some(compressed),
             region: Some(region),
         };

@@ -22,7 +22,8 @@ use zerocopy::{FromBytes, IntoBytes};
 use super::layout::{Header, NO_POINT, Section, SectionEntry, header_checksum};
 use super::write::to_bytes;
 use crate::{
-    BuildSettings, MapError, MapFile, MapImage, MapModel, MapPoint, Observation, PointId, SelfTest, write,
+    AlignmentAccuracy, BuildSettings, MapError, MapFile, MapImage, MapModel, MapPoint, Observation, PointId,
+    SelfTest, write,
 };
 
 /// A map with this many images, keypoints per image, and points observed by some of them.
@@ -75,6 +76,7 @@ fn sample(seed: u64, images: usize, keypoints: usize, points: usize) -> MapModel
         self_test: None,
         down: None,
         is_metric: false,
+        alignment: None,
         compressed: None,
         region: None,
     };
@@ -344,7 +346,8 @@ fn unknown_section_is_reported_as_newer() {
 #[test]
 fn misplaced_sections_are_refused() {
     let test = SelfTest { images: 0, scale: 1.0, assumed_noise_px: 1.0, schemes: Vec::new() };
-    let bytes = to_bytes(&MapModel { self_test: Some(test), ..region::part(8) });
+    let alignment = AlignmentAccuracy::from_stored([0.1, 1.0, 2.0, 0.3, 0.0, 0.0, 0.0]).ok();
+    let bytes = to_bytes(&MapModel { self_test: Some(test), alignment, ..region::part(8) });
     // In a packed map the other sections are empty; it has its own tests.
     for which in Section::ALL.into_iter().filter(|which| !matches!(which, Section::Packed)) {
         for field in [0, 4, 8, 16] {

@@ -42,6 +42,7 @@ impl Parser<'_> {
             self_test: self.self_test(sections)?,
             down: self.down(sections)?,
             is_metric: self.is_metric(sections)?,
+            alignment: self.alignment(sections)?,
             region: self.region(sections, entries.len(), true)?,
             ..MapModel::empty(profile, settings)
         };

@@ -12,6 +12,7 @@ use veiloc_simd::MappedFile;
 use zerocopy::{FromBytes, Immutable, KnownLayout};
 
 use super::layout::{NO_POINT, ObservationRecord, PointRecord};
+use crate::alignment::AlignmentAccuracy;
 use crate::compressed::{PointSummary, WholeMapSummary};
 use crate::gravity::GravityDirection;
 use crate::model::{MapImage, MapModel, MapPoint, Observation, PointId};
@@ -36,6 +37,7 @@ pub struct MapFile {
     pub(super) self_test: Option<SelfTest>,
     pub(super) down: Option<GravityDirection>,
     pub(super) is_metric: bool,
+    pub(super) alignment: Option<AlignmentAccuracy>,
     pub(super) compressed: Option<WholeMapSummary>,
     pub(super) region: Option<Region>,
     pub(super) large: LargeSections,
@@ -109,6 +111,11 @@ impl MapFile {
     /// Whether map units are metres; false if not known.
     pub const fn is_metric(&self) -> bool {
         self.is_metric
+    }
+
+    /// How well its coordinate frame is known, if it was aligned to known positions.
+    pub const fn alignment(&self) -> Option<AlignmentAccuracy> {
+        self.alignment
     }
 
     /// What its coordinates mean: unit and direction of gravity.
@@ -215,6 +222,7 @@ impl MapFile {
             self_test: self.self_test.clone(),
             down: self.down,
             is_metric: self.is_metric,
+            alignment: self.alignment,
             compressed: self.compressed.clone(),
             region: self.region.clone(),
         }

@@ -170,6 +170,7 @@ impl<'a> Sections<'a> {
                     model.compressed.iter().filter_map(encode).collect()
                 }
                 Section::Metric => Vec::new(),
+                Section::Alignment => model.alignment.iter().map(|a| owned(&a.numbers())).collect(),
                 Section::Region => model.region.iter().map(|r| Piece::Owned(region::encode(r))).collect(),
             };
             (section, pieces)
@@ -178,6 +179,7 @@ impl<'a> Sections<'a> {
             Section::SelfTest => model.self_test.is_some(),
             Section::Down => model.down.is_some(),
             Section::Metric => model.is_metric,
+            Section::Alignment => model.alignment.is_some(),
             Section::Compressed => model.compressed.is_some(),
             Section::Packed => encoding == MapEncoding::Packed,
             Section::Region => model.region.is_some(),

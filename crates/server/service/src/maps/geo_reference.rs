@@ -6,16 +6,17 @@ use serde::Serialize;
 use utoipa::ToSchema;
 use veiloc_geometry::Geodetic;
 use veiloc_geometry::nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
+use veiloc_map::AlignmentAccuracy;
 use veiloc_protocol::AnswerPose;
 
-/// Where a map in metres whose `z` is up is on earth.
+/// Where a map in metres is on earth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GeoReference {
     /// Name of the map.
     pub map: String,
     /// Where the origin of the map is.
     pub origin: Geodetic,
-    /// Direction of the map's `x` axis: degrees from east, counter-clockwise seen from above. 0 for a map that
+    /// Direction of the map's `x` axis, when the map is turned so that its up is `z`: degrees from east, counter-clockwise seen from above. 0 for a map that
     /// `veiloc map align --gps` aligned.
     pub x_from_east_deg: f64,
 }
@@ -45,9 +46,19 @@ impl FromStr for GeoReference {
 }
 
 impl GeoReference {
-    /// A pose in the map as a GeoPose with its accuracy; `None` when the pose leaves a direction free.
-    pub(crate) fn geopose(&self, pose: &AnswerPose) -> Option<(GeoPose, GeoPoseAccuracy)> {
-        let enu_from_map = Rotation3::from_axis_angle(&Vector3::z_axis(), self.x_from_east_deg.to_radians());
+    /// A pose in the map as a GeoPose with its accuracy; `None` when the pose leaves a direction free. `down` is the direction of
+    /// gravity in the map (−z if it is not known), and the accuracy includes that of the map's alignment, if it is known.
+    pub(crate) fn geopose(
+        &self,
+        pose: &AnswerPose,
+        down: Option<[f64; 3]>,
+        alignment: Option<AlignmentAccuracy>,
+    ) -> Option<(GeoPose, GeoPoseAccuracy)> {
+        let up = -Vector3::from(down.unwrap_or([0.0, 0.0, -1.0]));
+        let level = UnitQuaternion::rotation_between(&up, &Vector3::z())
+            .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
+        let heading = Rotation3::from_axis_angle(&Vector3::z_axis(), self.x_from_east_deg.to_radians());
+        let enu_from_map = heading * level.to_rotation_matrix();
         let position = self.origin.at_east_north_up(&(enu_from_map * Vector3::from(pose.center())));
         // East, north and up at the camera are not exactly those at the origin.
         let here_from_origin = position.enu_from_ecef() * self.origin.enu_from_ecef().transpose();
@@ -58,9 +69,10 @@ impl GeoReference {
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(enu_from_body));
         let center_covariance = pose.center_covariance();
         let mean_sd = |variances: [f64; 3]| variances.map(f64::sqrt).iter().sum::<f64>() / 3.0;
+        let (place, turn) = alignment.map_or((0.0, 0.0), |alignment| alignment.at(pose.center()));
         let accuracy = GeoPoseAccuracy {
-            position: mean_sd([0, 1, 2].map(|i| center_covariance[i][i])),
-            orientation: mean_sd([0, 1, 2].map(|i| pose.covariance[i][i])).to_degrees(),
+            position: mean_sd([0, 1, 2].map(|i| center_covariance[i][i])).hypot(place),
+            orientation: mean_sd([0, 1, 2].map(|i| pose.covariance[i][i])).to_degrees().hypot(turn),
         };
         let (Geodetic { latitude, longitude, altitude }, q) = (position, rotation.coords);
         let geopose = GeoPose {
@@ -101,7 +113,7 @@ pub(crate) struct GeoQuaternion {
     pub(crate) w: f64,
 }
 
-/// Standard deviations: means over three axes.
+/// Standard deviations: means over three axes, of the pose in the map and of the map on earth as far as its alignment says.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 pub(crate) struct GeoPoseAccuracy {
     /// Metres.
@@ -140,7 +152,7 @@ mod tests {
     fn a_camera_that_looks_north_has_the_quaternion_one() {
         // The map's x axis is north.
         let place: GeoReference = "lobby=47.0,8.0,400,90".parse().expect("valid");
-        let (geopose, accuracy) = place.geopose(&along_x()).expect("a pose");
+        let (geopose, accuracy) = place.geopose(&along_x(), None, None).expect("a pose");
         assert!(near(geopose.quaternion, [0.0, 0.0, 0.0, 1.0]), "{geopose:?}");
         let offset = place.origin.east_north_up(&Geodetic {
             latitude: geopose.position.lat,
@@ -155,10 +167,44 @@ mod tests {
     #[test]
     fn a_camera_that_looks_east_is_turned_clockwise() {
         let place: GeoReference = "lobby=47.0,8.0,400".parse().expect("valid");
-        let (geopose, _) = place.geopose(&along_x()).expect("a pose");
+        let (geopose, _) = place.geopose(&along_x(), None, None).expect("a pose");
         let half = std::f64::consts::FRAC_1_SQRT_2;
         assert!(near(geopose.quaternion, [0.0, 0.0, -half, half]), "{geopose:?}");
         assert!(geopose.position.lon > 8.0001 && (geopose.position.lat - 47.0).abs() < 1e-9, "{geopose:?}");
+    }
+
+    /// The same camera in a map whose `y` is up, as of AR captures.
+    #[test]
+    fn a_map_is_turned_by_its_gravity() {
+        let place: GeoReference = "lobby=47.0,8.0,400".parse().expect("valid");
+        let (expected, _) = place.geopose(&along_x(), Some([0.0, 0.0, -1.0]), None).expect("a pose");
+        let y_up_from_z_up = Rotation3::from_axis_angle(&Vector3::x_axis(), -std::f64::consts::FRAC_PI_2);
+        let [w, x, y, z] = along_x().rotation;
+        let in_z_up = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)).to_rotation_matrix();
+        let q = UnitQuaternion::from_rotation_matrix(&(in_z_up * y_up_from_z_up.inverse()));
+        let pose = AnswerPose { rotation: [q.w, q.i, q.j, q.k], ..along_x() };
+        let (found, _) = place.geopose(&pose, Some([0.0, -1.0, 0.0]), None).expect("a pose");
+        assert!((found.position.h - expected.position.h).abs() < 1e-6, "{found:?} {expected:?}");
+        assert!((found.position.lon - expected.position.lon).abs() < 1e-11, "{found:?} {expected:?}");
+        let GeoQuaternion { x, y, z, w } = expected.quaternion;
+        assert!(near(found.quaternion, [x, y, z, w]), "{found:?} {expected:?}");
+        let (wrong, _) = place.geopose(&pose, None, None).expect("a pose");
+        assert!((wrong.position.h - expected.position.h).abs() > 1.0);
+    }
+
+    #[test]
+    fn accuracy_includes_that_of_the_alignment() {
+        let place: GeoReference = "lobby=47.0,8.0,400".parse().expect("valid");
+        let alignment = AlignmentAccuracy {
+            scale: 0.01,
+            tilt_deg: 2.0,
+            heading_deg: 1.0,
+            position: 1.2,
+            center: [10.0, 0.0, 1.5],
+        };
+        let (_, accuracy) = place.geopose(&along_x(), None, Some(alignment)).expect("a pose");
+        assert!((accuracy.position - 0.03_f64.hypot(1.2 / 3.0_f64.sqrt())).abs() < 1e-9, "{accuracy:?}");
+        assert!((accuracy.orientation - 0.01_f64.to_degrees().hypot((5.0_f64 / 3.0).sqrt())).abs() < 1e-9);
     }
 
     #[test]
@@ -166,7 +212,7 @@ mod tests {
         let place: GeoReference = "lobby=47.0,8.0,400".parse().expect("valid");
         let mut pose = along_x();
         pose.covariance[4][4] = f64::INFINITY;
-        assert_eq!(place.geopose(&pose), None);
+        assert_eq!(place.geopose(&pose, None, None), None);
     }
 
     #[test]

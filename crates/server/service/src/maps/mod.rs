@@ -192,14 +192,25 @@ impl MapSlot {
         Self { has_reference, ..slot }
     }
 
-    /// Warns of a map with a geographic reference that does not say that its unit is metres: its GeoPoses are wrong by the
-    /// scale of the map.
-    fn check_unit(&self, loaded: &LoadedMap) {
-        if self.has_reference && loaded.coordinates().metres_per_unit.is_none() {
+    /// Warns of a map with a geographic reference that does not say that its unit is metres, or where down is: its GeoPoses are
+    /// wrong by the scale of the map, or turned.
+    fn check_reference(&self, loaded: &LoadedMap) {
+        if !self.has_reference {
+            return;
+        }
+        let coordinates = loaded.coordinates();
+        if coordinates.metres_per_unit.is_none() {
             tracing::warn!(
                 map = loaded.name,
                 "the unit of this map is not known to be metres, as its geographic reference needs: align it with \
                  `veiloc map align`, or build it with `--metres` if it is"
+            );
+        }
+        if coordinates.down.is_none() {
+            tracing::warn!(
+                map = loaded.name,
+                "the direction of gravity in this map is not known, so its GeoPoses take its z axis as up: align it with \
+                 `veiloc map align`, or build it with `--down`"
             );
         }
     }
@@ -237,7 +248,7 @@ impl MapSlot {
             return known;
         }
         let loaded = Arc::new(LoadedMap::remote(source, now));
-        self.check_unit(&loaded);
+        self.check_reference(&loaded);
         *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(loaded.clone());
         Some(loaded)
     }
@@ -273,7 +284,7 @@ impl MapSlot {
         match opened {
             Ok(loaded) => {
                 let loaded = Arc::new(loaded);
-                self.check_unit(&loaded);
+                self.check_reference(&loaded);
                 *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(loaded.clone());
                 // If the file was replaced while it was being read, its stamp is ambiguous: read it again.
                 if Stamp::of(&source.path) == before {

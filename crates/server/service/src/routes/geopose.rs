@@ -12,6 +12,7 @@ use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
+use veiloc_map::MapFile;
 use veiloc_protocol::SealedQuery;
 
 use super::authorize::authenticate;
@@ -156,7 +157,9 @@ async fn answer(
     let answer = localize_read(app, context, &caller, loaded, read, options).await?;
     let found = answer
         .pose
-        .and_then(|pose| reference.geopose(&pose))
+        .and_then(|pose| {
+            reference.geopose(&pose, loaded.coordinates().down, loaded.map().and_then(MapFile::alignment))
+        })
         .ok_or(Problem::NotLocalized(": its pose is doubtful, and a GeoPose cannot say so"))?;
     let (geopose, accuracy) = found;
     let GeoPoseRequest { id, timestamp, .. } = request;

@@ -10,22 +10,20 @@
 use std::path::Path;
 
 use veiloc_geometry::nalgebra::Vector3;
-use veiloc_map::MapModel;
 use veiloc_map::text::read_text;
+use veiloc_map::{GravityDirection, MapModel};
 
-use super::KnownPosition;
+use super::known::{KnownPosition, KnownPositions, grid_step};
 use crate::error::MappingError;
 use crate::importers::lines::Line;
 use crate::input::image_names::NameIndex;
 
-/// Reads known positions of a map's images or points. Returns them, and the names of images that the map does not have.
+/// Reads known positions of a map's images or points. Their `z` axis is up, unless [`KnownPositions::down`] is changed.
+/// Names that the map does not have are left out and counted.
 ///
 /// # Errors
 /// [`MappingError::PosesLine`] names file and line; [`MappingError::Io`].
-pub fn read_positions(
-    path: &Path,
-    model: &MapModel,
-) -> Result<(Vec<KnownPosition>, Vec<String>), MappingError> {
+pub fn read_positions(path: &Path, model: &MapModel) -> Result<KnownPositions, MappingError> {
     let content = read_text(path).map_err(MappingError::io(path))?;
     let index = NameIndex::new(model.images.iter().map(|image| (image.name.as_str(), image)));
     let (mut positions, mut unknown) = (Vec::new(), Vec::new());
@@ -45,7 +43,13 @@ pub fn read_positions(
         if is_point {
             let in_map = Vector3::from(line.numbers::<3>(0, "a position in the map")?);
             let known = Vector3::from(line.numbers::<3>(3, "a known position")?);
-            positions.push(KnownPosition { name: format!("line {number}"), in_map, known });
+            positions.push(KnownPosition {
+                name: format!("line {number}"),
+                in_map,
+                known,
+                has_height: true,
+                sd: 0.0,
+            });
             continue;
         }
         // A name may contain spaces.
@@ -58,10 +62,25 @@ pub fn read_positions(
         match index.get(&name) {
             Some(image) => {
                 let in_map = image.cam_from_world.center().coords;
-                positions.push(KnownPosition { name, in_map, known });
+                positions.push(KnownPosition { name, in_map, known, has_height: true, sd: 0.0 });
             }
             None => unknown.push(name),
         }
     }
-    Ok((positions, unknown))
+    let numbers: Vec<f64> = positions.iter().flat_map(|p| p.known.iter().copied()).collect();
+    let remarks = unknown.first().map(|first| {
+        format!("{}: {} names are not in the map, the first is {first}", path.display(), unknown.len())
+    });
+    Ok(KnownPositions {
+        positions,
+        down: GravityDirection::new([0.0, 0.0, -1.0]).ok(),
+        has_heights: true,
+        grid: grid_step(&numbers, &GRIDS),
+        is_list: true,
+        remarks: remarks.into_iter().collect(),
+        ..KnownPositions::default()
+    })
 }
+
+/// Grids that numbers of a file may be rounded to, new units.
+const GRIDS: [f64; 4] = [10.0, 1.0, 0.1, 0.01];

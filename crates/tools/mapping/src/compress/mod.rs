@@ -113,6 +113,7 @@ fn without_points(model: &MapModel, bytes: u64) -> MapModel {
         self_test: None,
         down: model.down,
         is_metric: model.is_metric,
+        alignment: model.alignment,
         compressed: Some(WholeMapSummary {
             bytes,
             keypoints: 0,

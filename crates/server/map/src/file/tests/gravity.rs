@@ -4,7 +4,7 @@
 use super::{forged, known_answer, open_bytes, sample, section};
 use crate::file::layout::{Section, SectionEntry};
 use crate::file::write::to_bytes;
-use crate::{GravityDirection, MapError, MapFile, MapModel, SelfTest};
+use crate::{AlignmentAccuracy, GravityDirection, MapError, MapFile, MapModel, SelfTest};
 
 fn down() -> GravityDirection {
     GravityDirection::new([0.5, -2.0, 0.25]).unwrap()
@@ -59,6 +59,25 @@ fn known_answer_of_a_metric_map() {
     assert_eq!(map.to_model(), model);
     assert_eq!(std::fs::read(&path).unwrap(), to_bytes(&model));
     assert!(!MapFile::open(&known_answer("map")).unwrap().is_metric());
+}
+
+#[test]
+fn the_accuracy_of_an_alignment_is_kept_and_checked() {
+    let accuracy = AlignmentAccuracy {
+        scale: 0.01,
+        tilt_deg: 1.5,
+        heading_deg: 0.8,
+        position: 0.4,
+        center: [1.0, -2.0, 3.0],
+    };
+    let model = MapModel { alignment: Some(accuracy), ..sample(7, 3, 4, 3) };
+    let bytes = to_bytes(&model);
+    assert_eq!(open_bytes(&bytes).unwrap().to_model(), model);
+    for (at, number) in [(0, f64::NAN), (1, -1.0), (3, f64::INFINITY), (6, f64::NAN)] {
+        let put = |bytes: &mut [u8]| bytes[8 * at..8 * at + 8].copy_from_slice(&number.to_le_bytes());
+        let error = forged(&bytes, Section::Alignment, put).expect_err("no accuracy");
+        assert!(matches!(error, MapError::Structure { section: "alignment", .. }), "{at}: {error}");
+    }
 }
 
 /// Shorter or longer by a number, with valid lengths and checksums.
