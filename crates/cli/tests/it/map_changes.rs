@@ -194,7 +194,7 @@ fn every_command_refuses_a_broken_map() {
     let broken = scene.read("broken.vmap");
     for command in [
         "map remove broken.vmap map-00.png",
-        "map align broken.vmap --level",
+        "map align broken.vmap --level --down y",
         "map add broken.vmap --posed posed --images images --list one.txt --prefix again/ --no-coordinate-frame-check",
         "map compress broken.vmap --ratio 2 -o broken.vmap",
     ] {

@@ -205,6 +205,7 @@ fn info_describes_the_map() {
     assert_eq!(
         keys(&info),
         [
+            "accuracy",
             "bytes",
             "bytes_per_point",
             "cameras",
