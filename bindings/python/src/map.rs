@@ -174,6 +174,7 @@ impl Map {
         let down = down.map(down_of).transpose()?;
         let mut sfm = SfmOptions::default();
         sfm.matching = matching_of(matching)?;
+        sfm.skip_bad = skip_bad;
         sfm.python = match python {
             Some(python) => Some(python),
             None => py.import("sys")?.getattr("executable")?.extract()?,
@@ -191,7 +192,9 @@ impl Map {
             let others = found.others.iter().map(|(model, images)| {
                 format!("{}: a model of {images} images that is not connected is not used", model.display())
             });
-            let remarks: Vec<String> = without_pose.chain(others).collect();
+            let left_out = found.left_out.iter().map(|(reason, count)| format!("{count} files are left out: {reason}"));
+            let bad = found.bad.iter().map(ToString::to_string);
+            let remarks: Vec<String> = without_pose.chain(others).chain(left_out).chain(bad).collect();
             Self::finished(
                 model,
                 report.warnings,

@@ -186,8 +186,11 @@ impl InfoOutput {
         let mut warnings = self.warnings;
         let seen: Vec<usize> = images.iter().map(|i| i.observations).collect();
         let of_test = map.self_test().and_then(MapWarning::of_self_test);
-        for warning in MapWarning::of_counts(map.point_count(), &seen).into_iter().chain(of_test) {
-            if !warnings.contains(&warning) {
+        let of_precision = map.self_test().and_then(MapWarning::of_precision);
+        let of_map =
+            MapWarning::of_counts(map.point_count(), &seen).into_iter().chain(of_test).chain(of_precision);
+        for warning in of_map {
+            if !warnings.iter().any(|known| known.name() == warning.name()) {
                 warnings.push(warning);
             }
         }

@@ -37,7 +37,7 @@ pub(super) struct PosedArgs {
 pub(super) struct BadImageArgs {
     /// Leave out images that are missing, unreadable or not of their camera's size, and name them. Default: refuse.
     #[arg(long)]
-    skip_bad: bool,
+    pub(super) skip_bad: bool,
 }
 
 impl BadImageArgs {

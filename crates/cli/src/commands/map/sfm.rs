@@ -61,11 +61,13 @@ impl SfmArgs {
         names: Option<&[String]>,
         work: Option<&Path>,
         out: &Path,
+        skip_bad: bool,
         ui: &Ui,
     ) -> Result<SfmModels, Failure> {
         let work = work.map_or_else(|| out.with_extension("sfm"), |work| work.join("sfm"));
         let mut options = SfmOptions::default();
         options.python.clone_from(&self.python);
+        options.skip_bad = skip_bad;
         options.matching = match self.matching {
             Matching::Auto => SfmMatching::Auto,
             Matching::Exhaustive => SfmMatching::Exhaustive,
@@ -102,6 +104,12 @@ impl SfmArgs {
     }
 
     fn print(&self, report: &SfmReport, work: &Path, ui: &Ui) {
+        for (reason, count) in &report.left_out {
+            ui.info(format_args!("{count} files are left out: {reason}. --list names the images to use"));
+        }
+        for bad in &report.bad {
+            ui.warn(format_args!("warning: left out: {bad}"));
+        }
         let registered = report.posed.images().len();
         let reused = if report.is_reused { ", from an earlier run" } else { "" };
         ui.info(format_args!(

@@ -68,6 +68,9 @@ pub fn finish_tested(
             warnings.extend(diagnose(model));
         }
     }
+    if let Some(warning) = MapWarning::of_precision(&test).filter(|_| !explains) {
+        warnings.push(warning.with_worst(model, &chosen(model, options), trials, test.scale));
+    }
     model.self_test = Some(test);
     if keep_broken { Ok(()) } else { refuse_broken(model, warnings) }
 }

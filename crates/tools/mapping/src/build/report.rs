@@ -1,8 +1,9 @@
 //! Result of map building, with warnings about the map.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
-use veiloc_map::{MapModel, SelfTest};
+use veiloc_map::{MapModel, RELATIVE, SelfTest};
 
 use crate::calibration::SelfTestTrial;
 use crate::calibration::run::MIN_ALIKE;
@@ -74,6 +75,17 @@ pub enum MapWarning {
         right: u32,
         /// Number of tested images.
         images: u32,
+    },
+    /// The map localizes its own images, but imprecisely.
+    ImpreciseSelfTest {
+        /// Images localized within a hundredth of their scene distance, under the best scheme.
+        precise: u32,
+        /// Images localized under it.
+        localized: u32,
+        /// Factor of the ± of queries that the self-test found.
+        sd_factor: u32,
+        /// Images of one camera and folder that are worse than all others: an example, and their precise and tested ones.
+        worst: Option<(String, [u32; 2])>,
     },
     /// Parts of the map look alike: queries of one fit a pose in the other.
     PlacesLookAlike {
@@ -177,6 +189,52 @@ impl MapWarning {
         (2 * right < test.images).then_some(Self::SelfTest { right, images: test.images })
     }
 
+    /// Returns the warning for a map that localizes its own images imprecisely: some of its poses or cameras are wrong.
+    pub fn of_precision(test: &SelfTest) -> Option<Self> {
+        let best = test.schemes.iter().max_by_key(|scheme| scheme.within_of_scale[1])?;
+        let (precise, localized) = (best.within_of_scale[1], best.localized);
+        let sd_factor = best.calibration.factor.sqrt().round() as u32;
+        let is_judged = localized >= MIN_JUDGED && 2 * localized >= test.images;
+        let is_bad = 2 * precise < localized || sd_factor >= MAX_SD_FACTOR;
+        (is_judged && is_bad).then_some(Self::ImpreciseSelfTest {
+            precise,
+            localized,
+            sd_factor,
+            worst: None,
+        })
+    }
+
+    /// Names the images of one camera and folder whose precise share is less than half of that of all others.
+    pub(crate) fn with_worst(
+        self,
+        model: &MapModel,
+        images: &[usize],
+        trials: &[Vec<Option<SelfTestTrial>>],
+        scale: f64,
+    ) -> Self {
+        let Self::ImpreciseSelfTest { precise, localized, sd_factor, .. } = self else { return self };
+        let (share, degrees) = RELATIVE[1];
+        let is_precise = |of: &Vec<Option<SelfTestTrial>>| {
+            of.iter().flatten().any(|t| t.translation() <= share * scale && t.rotation_deg() <= degrees)
+        };
+        let mut groups: BTreeMap<(usize, &str), (&str, [u32; 2])> = BTreeMap::new();
+        for (&image, of) in images.iter().zip(trials) {
+            let image = &model.images[image];
+            let folder = image.name.rfind('/').map_or("", |end| &image.name[..end]);
+            let (_, counts) = groups.entry((image.camera, folder)).or_insert((&image.name, [0; 2]));
+            counts[0] += u32::from(is_precise(of));
+            counts[1] += 1;
+        }
+        let all = groups.values().fold([0; 2], |all, (_, of)| [all[0] + of[0], all[1] + of[1]]);
+        let ratio = |[precise, tested]: [u32; 2]| f64::from(precise) / f64::from(tested.max(1));
+        let worst = groups.values().min_by(|a, b| ratio(a.1).total_cmp(&ratio(b.1))).filter(|(_, of)| {
+            let others = [all[0] - of[0], all[1] - of[1]];
+            of[1] >= MIN_GROUP && others[1] >= MIN_GROUP && 2.0 * ratio(*of) < ratio(others)
+        });
+        let worst = worst.map(|(name, of)| ((*name).to_owned(), *of));
+        Self::ImpreciseSelfTest { precise, localized, sd_factor, worst }
+    }
+
     /// Returns the warning for a map of which parts look alike. `images` are the tested images, with their trials under
     /// each scheme. `None` if fewer than two of them fit a second place.
     pub fn of_trials(
@@ -231,6 +289,7 @@ impl MapWarning {
             Self::FewPoints { .. } => "few-points",
             Self::BlindImages { .. } => "blind-images",
             Self::SelfTest { .. } => "self-test",
+            Self::ImpreciseSelfTest { .. } => "imprecise-self-test",
             Self::PlacesLookAlike { .. } => "places-look-alike",
             Self::CoordinateFrameUnknown { .. } => "coordinate-frame-unknown",
             Self::PosesDisagree { .. } => "poses-disagree",
@@ -261,6 +320,23 @@ impl fmt::Display for MapWarning {
             }
             Self::SelfTest { right, images } => {
                 write!(f, "the map localizes only {right} of {images} of its own images")
+            }
+            Self::ImpreciseSelfTest { precise, localized, sd_factor, worst } => {
+                write!(
+                    f,
+                    "the map localizes its own images imprecisely: {precise} of {localized} within a hundredth of the distance \
+                     to the scene, and the ± of queries is {sd_factor} times as large"
+                )?;
+                if let Some((example, [precise, tested])) = worst {
+                    write!(
+                        f,
+                        "; worst are the images of the camera and folder of {example}: {precise} of {tested}"
+                    )?;
+                }
+                return f.write_str(
+                    ". Some poses, cameras or names are wrong: check that images with other zooms or sizes have other \
+                     cameras, and that each image has its own pose",
+                );
             }
             Self::PlacesLookAlike { queries, images, examples } => {
                 let pairs = examples.iter().map(|[a, b]| format!("{a} and {b}")).collect::<Vec<_>>();
@@ -321,6 +397,11 @@ pub(crate) fn warnings_about(model: &MapModel) -> Vec<MapWarning> {
     MapWarning::of_counts(model.points.len(), &seen.collect::<Vec<_>>())
 }
 
+/// Fewest localized images of which a share says something, and of a camera and folder.
+const MIN_JUDGED: u32 = 8;
+const MIN_GROUP: u32 = 3;
+/// Factor of the ± from which on the covariances do not describe the errors. Those of seven places are 1 to 4.
+const MAX_SD_FACTOR: u32 = 8;
 /// Maximum number of named pairs of places that look alike.
 const MAX_EXAMPLES: usize = 3;
 /// With fewer points a pose cannot be distinguished from chance: a query needs a few dozen correct matches, and finds a

@@ -1,22 +1,134 @@
 //! The images of a folder, their cameras, and whether they are frames of a video.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 use std::path::Path;
+
+use exif::{In, Reader, Tag};
+use rayon::prelude::*;
+use veiloc_features::Image;
 
 use crate::error::MappingError;
 use crate::importers::poses::image_names;
+use crate::input::bad_image::{BadImage, BadReason};
+use crate::input::image_names::image_file;
 
-/// All JPEG and PNG files in a folder and its folders, sorted.
-pub(super) fn all_of(folder: &Path) -> Result<Vec<String>, MappingError> {
+/// The photographs in a folder and its folders, sorted, and what was left out with the reason: files that programs put beside
+/// photographs, and that would become images of the map.
+pub(super) fn all_of(folder: &Path) -> Result<(Vec<String>, BTreeMap<LeftOut, usize>), MappingError> {
     folder.read_dir().map_err(MappingError::io(folder))?;
-    Ok(image_names(folder))
+    let all = image_names(folder);
+    let parts = |name: &str| name.split('/').map(str::to_owned).collect::<Vec<_>>();
+    let beside: BTreeSet<Vec<String>> = all.iter().map(|name| parts(name)[..parts(name).len() - 1].to_vec()).collect();
+    let (mut kept, mut left_out) = (Vec::new(), BTreeMap::new());
+    for name in all {
+        let folders = &parts(&name)[..parts(&name).len() - 1];
+        let reason = folders.iter().enumerate().find_map(|(at, part)| LeftOut::of_folder(part, &folders[..at], &beside));
+        match reason {
+            Some(reason) => *left_out.entry(reason).or_default() += 1,
+            None => kept.push(name),
+        }
+    }
+    // Previews, of which no folder says so.
+    let longer = |name: &String| image::image_dimensions(folder.join(name)).map_or(0, |(w, h)| w.max(h));
+    let mut sides: Vec<u32> = kept.iter().map(longer).filter(|side| *side > 0).collect();
+    sides.sort_unstable();
+    if let Some(middle) = sides.get(sides.len() / 2) {
+        let before = kept.len();
+        kept.retain(|name| {
+            let side = longer(name);
+            side == 0 || PREVIEW * side >= *middle
+        });
+        if kept.len() < before {
+            left_out.insert(LeftOut::Preview, before - kept.len());
+        }
+    }
+    Ok((kept, left_out))
 }
 
-/// How images share cameras: one camera if all have one size, or else COLMAP's choice (by size, and focal length in EXIF).
-pub(super) fn camera_mode(folder: &Path, names: &[String]) -> &'static str {
-    let sizes: BTreeSet<Option<(u32, u32)>> =
-        names.iter().map(|name| image::image_dimensions(folder.join(name)).ok()).collect();
-    if sizes.len() == 1 { "SINGLE" } else { "AUTO" }
+/// The longer side of a preview is shorter than this part of the usual one.
+const PREVIEW: u32 = 4;
+
+/// Why an image of a folder is left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum LeftOut {
+    /// It is in a folder of masks.
+    Mask,
+    /// It is in a folder of previews, as of network storage.
+    PreviewFolder,
+    /// It is much smaller than the others.
+    Preview,
+    /// It is in a folder of smaller copies, such as `images_2` beside `images`.
+    SmallerCopy,
+}
+
+impl LeftOut {
+    fn of_folder(name: &str, parent: &[String], beside: &BTreeSet<Vec<String>>) -> Option<Self> {
+        let plain = name.to_ascii_lowercase();
+        if ["mask", "masks", "segmentation"].contains(&plain.as_str()) {
+            return Some(Self::Mask);
+        }
+        if ["@eadir", "thumbnails", "thumbs", "previews", "__macosx"].contains(&plain.as_str()) {
+            return Some(Self::PreviewFolder);
+        }
+        let (stem, number) = name.rsplit_once('_')?;
+        let original = [parent, &[stem.to_owned()]].concat();
+        let is_copy = number.parse::<u8>().is_ok_and(|by| by.is_power_of_two()) && beside.contains(&original);
+        is_copy.then_some(Self::SmallerCopy)
+    }
+}
+
+impl fmt::Display for LeftOut {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Mask => "in a folder of masks",
+            Self::PreviewFolder => "in a folder of previews",
+            Self::Preview => "much smaller than the others",
+            Self::SmallerCopy => "in a folder of smaller copies",
+        })
+    }
+}
+
+/// The images that share a camera, for each camera: those of one size, focal length and lens, as their EXIF has it. Zooms and
+/// lenses of one phone have one size.
+pub(super) fn by_camera(folder: &Path, names: &[String]) -> Vec<Vec<String>> {
+    let mut cameras: BTreeMap<(Option<(u32, u32)>, Vec<String>), Vec<String>> = BTreeMap::new();
+    for name in names {
+        let path = folder.join(name);
+        let key = (image::image_dimensions(&path).ok(), lens_of(&path));
+        cameras.entry(key).or_default().push(name.clone());
+    }
+    let mut groups: Vec<Vec<String>> = cameras.into_values().collect();
+    groups.sort();
+    groups
+}
+
+/// What EXIF says about the lens of an image.
+fn lens_of(path: &Path) -> Vec<String> {
+    let Ok(file) = std::fs::File::open(path) else { return Vec::new() };
+    let exif = Reader::new()
+        .continue_on_error(true)
+        .read_from_container(&mut std::io::BufReader::new(file))
+        .or_else(|error| error.distill_partial_result(|_| {}));
+    let Ok(exif) = exif else { return Vec::new() };
+    [Tag::Make, Tag::Model, Tag::LensModel, Tag::FocalLength, Tag::FocalLengthIn35mmFilm, Tag::DigitalZoomRatio]
+        .into_iter()
+        .map(|tag| exif.get_field(tag, In::PRIMARY).map_or_else(String::new, |field| field.display_value().to_string()))
+        .collect()
+}
+
+/// The images that cannot be decoded, before long work begins on the others.
+pub(super) fn undecodable(folder: &Path, names: &[String]) -> Vec<BadImage> {
+    let bad = |name: &String| {
+        let path = image_file(folder, name);
+        let reason = if path.is_file() {
+            BadReason::Image(Image::open(&path).err()?)
+        } else {
+            BadReason::NoFile { path }
+        };
+        Some(BadImage { name: name.clone(), reason })
+    };
+    names.par_iter().filter_map(bad).collect()
 }
 
 /// Whether the names are numbered as frames are: one stem and a number with few gaps.
@@ -49,6 +161,55 @@ pub(super) fn are_frames(names: &[String]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn image(path: &Path, size: u32) {
+        std::fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
+        image::GrayImage::from_pixel(size, size / 2, image::Luma([90])).save(path).expect("saved");
+    }
+
+    #[test]
+    fn files_beside_photographs_are_left_out_and_counted() {
+        let root = tempfile::tempdir().expect("temporary folder");
+        for (name, size) in [
+            ("images/a.png", 640),
+            ("images/b.png", 640),
+            ("images/c.png", 600),
+            ("images/tiny.png", 100),
+            ("images_2/a.png", 320),
+            ("images/@eaDir/a.png", 640),
+            ("masks/a.png", 640),
+            ("room_2/a.png", 640),
+        ] {
+            image(&root.path().join(name), size);
+        }
+        let (kept, left_out) = all_of(root.path()).expect("a folder");
+        assert_eq!(kept, ["images/a.png", "images/b.png", "images/c.png", "room_2/a.png"]);
+        let expected =
+            [(LeftOut::Mask, 1), (LeftOut::PreviewFolder, 1), (LeftOut::Preview, 1), (LeftOut::SmallerCopy, 1)];
+        assert_eq!(left_out, expected.into());
+    }
+
+    #[test]
+    fn images_of_one_size_and_lens_share_a_camera() {
+        let root = tempfile::tempdir().expect("temporary folder");
+        let names = ["a.png", "b.png", "stray.png"].map(str::to_owned);
+        for (name, size) in names.iter().zip([640, 640, 320]) {
+            image(&root.path().join(name), size);
+        }
+        assert_eq!(by_camera(root.path(), &names), [names[..2].to_vec(), names[2..].to_vec()]);
+    }
+
+    #[test]
+    fn undecodable_files_are_found_first() {
+        let root = tempfile::tempdir().expect("temporary folder");
+        image(&root.path().join("whole.png"), 640);
+        let whole = std::fs::read(root.path().join("whole.png")).expect("read");
+        std::fs::write(root.path().join("cut.png"), &whole[..whole.len() / 2]).expect("written");
+        std::fs::write(root.path().join("empty.jpg"), []).expect("written");
+        let names = ["whole.png", "cut.png", "empty.jpg", "none.jpg"].map(str::to_owned);
+        let bad: Vec<String> = undecodable(root.path(), &names).into_iter().map(|bad| bad.name).collect();
+        assert_eq!(bad, names[1..]);
+    }
 
     #[test]
     fn frames_are_numbered_at_regular_steps() {

@@ -15,18 +15,21 @@ mod state;
 mod unregistered;
 mod video;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use veiloc_features::Progress;
 use veiloc_map::PosedImages;
 use veiloc_map::colmap::read_posed;
 
+pub use self::images::LeftOut;
 pub use self::options::{MAX_EXHAUSTIVE, SfmMatching, SfmOptions};
 pub use self::program::{INSTALL, SfmProgram};
 use self::state::Task;
 pub use self::unregistered::{Unregistered, UnregisteredCause};
 pub use self::video::{INSTALL_FFMPEG, VideoFrames, frames_of_video};
 use crate::error::MappingError;
+use crate::input::bad_image::{BadImage, BadImages};
 
 /// The result of structure from motion.
 #[derive(Debug)]
@@ -46,14 +49,18 @@ pub struct SfmReport {
     pub is_reused: bool,
     /// The program.
     pub program: SfmProgram,
+    /// How many files of the folder were left out because they are no photographs, and why.
+    pub left_out: Vec<(LeftOut, usize)>,
+    /// Images that cannot be decoded, and were left out.
+    pub bad: Vec<BadImage>,
 }
 
 /// Computes poses of the images of a folder. `names` are the images to use, relative to the folder, or else all JPEG and PNG
-/// files in it. `work` keeps the database and the models between runs.
+/// files in it but masks, previews and smaller copies. Images of one size, focal length and lens share a camera. `work` keeps the database and the models between runs.
 ///
 /// # Errors
 /// [`MappingError::NoSfmProgram`]: neither pycolmap nor COLMAP was found. [`MappingError::Sfm`]: the program failed, or no
-/// model could be computed. [`MappingError::EmptyList`]: there are no images.
+/// model could be computed. [`MappingError::EmptyList`]: there are no images. [`MappingError::BadImages`]: some cannot be decoded.
 pub fn reconstruct(
     images: &Path,
     names: Option<&[String]>,
@@ -62,7 +69,15 @@ pub fn reconstruct(
     progress: &dyn Progress,
 ) -> Result<SfmReport, MappingError> {
     let program = SfmProgram::find(options.python.as_deref())?;
-    let names = names.map_or_else(|| images::all_of(images), |names| Ok(names.to_vec()))?;
+    let (mut names, left_out) =
+        names.map_or_else(|| images::all_of(images), |names| Ok((names.to_vec(), BTreeMap::new())))?;
+    let bad = images::undecodable(images, &names);
+    if !bad.is_empty() {
+        if !options.skip_bad {
+            return Err(MappingError::BadImages(BadImages { images: bad, of: names.len() }));
+        }
+        names.retain(|name| !bad.iter().any(|bad| bad.name == *name));
+    }
     if names.is_empty() {
         return Err(MappingError::EmptyList);
     }
@@ -112,5 +127,7 @@ pub fn reconstruct(
         model,
         is_reused,
         program,
+        left_out: left_out.into_iter().collect(),
+        bad,
     })
 }

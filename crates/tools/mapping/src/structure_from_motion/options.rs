@@ -29,4 +29,6 @@ pub struct SfmOptions {
     pub matching: SfmMatching,
     /// Seed of its random choices.
     pub seed: u64,
+    /// Leave out images that cannot be decoded.
+    pub skip_bad: bool,
 }

@@ -85,21 +85,22 @@ pub(super) fn run_colmap(path: &Path, task: &Task, progress: &dyn Progress) -> R
     let (database, images, sparse) = (task.database(), task.images.clone(), task.sparse());
     let [database, images, sparse] =
         [&database, &images, &sparse].map(|path| path.to_string_lossy().into_owned());
-    let list = task.sparse().with_file_name("names.txt");
-    let names: String = task.names.iter().flat_map(|name| [name.as_str(), "\n"]).collect();
-    std::fs::write(&list, names).map_err(MappingError::io(&list))?;
-    let list = list.to_string_lossy().into_owned();
     // Without CUDA, SIFT on the graphics card needs a screen. The names of the options changed with version 3.12.
     let without_cuda = String::from_utf8_lossy(&run(&["help"])?.stdout).contains("without CUDA");
     let help = run(&["feature_extractor", "--help"])?;
     let help = String::from_utf8_lossy(&help.stdout).into_owned() + &String::from_utf8_lossy(&help.stderr);
     let is_new = help.contains("FeatureExtraction.use_gpu");
     let on_cpu = |option: &'static str| if without_cuda { vec![option, "0"] } else { Vec::new() };
-    let single = if task.camera_mode == "SINGLE" { "1" } else { "0" };
-    let mut extract = vec!["feature_extractor", "--database_path", &database, "--image_path", &images];
-    extract.extend(["--image_list_path", &list, "--ImageReader.single_camera", single]);
-    extract.extend(on_cpu(if is_new { "--FeatureExtraction.use_gpu" } else { "--SiftExtraction.use_gpu" }));
-    step("features of structure from motion", &extract)?;
+    let list = task.sparse().with_file_name("names.txt");
+    for of_camera in &task.cameras {
+        let names: String = of_camera.iter().flat_map(|name| [name.as_str(), "\n"]).collect();
+        std::fs::write(&list, names).map_err(MappingError::io(&list))?;
+        let list = list.to_string_lossy();
+        let mut extract = vec!["feature_extractor", "--database_path", &database, "--image_path", &images];
+        extract.extend(["--image_list_path", &list, "--ImageReader.single_camera", "1"]);
+        extract.extend(on_cpu(if is_new { "--FeatureExtraction.use_gpu" } else { "--SiftExtraction.use_gpu" }));
+        step("features of structure from motion", &extract)?;
+    }
     let matcher = if task.is_sequential { "sequential_matcher" } else { "exhaustive_matcher" };
     let mut pairs = vec![matcher, "--database_path", &database];
     pairs.extend(on_cpu(if is_new { "--FeatureMatching.use_gpu" } else { "--SiftMatching.use_gpu" }));

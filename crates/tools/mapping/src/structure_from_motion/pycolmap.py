@@ -1,6 +1,7 @@
 """Structure from motion by pycolmap, run by veiloc: reads a JSON document on stdin, prints one JSON object a line on stdout.
 
-Input: database, images (folder), names, sparse (folder for models), camera_mode, matching ("exhaustive" or "sequential"), seed.
+Input: database, images (folder), names, sparse (folder for models), cameras (the names of each camera), matching ("exhaustive" or
+"sequential"), seed.
 Output lines: {"stage": name, "total": n}, {"done": n}, and for each image that has no pose
 {"unregistered": name, "keypoints": n, "verified_pairs": n}.
 """
@@ -142,15 +143,12 @@ def main():
     names, database = task["names"], task["database"]
     pycolmap.logging.minloglevel = 2
     pycolmap.set_random_seed(task["seed"])
-    stage(
-        "features of structure from motion",
-        len(names),
-        database,
-        "keypoints",
-        lambda: pycolmap.extract_features(
-            database, task["images"], image_names=names, camera_mode=getattr(pycolmap.CameraMode, task["camera_mode"])
-        ),
-    )
+
+    def extract():
+        for of_camera in task["cameras"]:
+            pycolmap.extract_features(database, task["images"], image_names=of_camera, camera_mode=pycolmap.CameraMode.SINGLE)
+
+    stage("features of structure from motion", len(names), database, "keypoints", extract)
     match(task, names)
 
     say(stage="camera poses", total=len(names))

@@ -21,7 +21,7 @@ pub(super) fn run(python: &Path, task: &Task, progress: &dyn Progress) -> Result
         "images": task.images,
         "names": task.names,
         "sparse": task.sparse(),
-        "camera_mode": task.camera_mode,
+        "cameras": task.cameras,
         "matching": if task.is_sequential { "sequential" } else { "exhaustive" },
         "seed": task.seed,
     });

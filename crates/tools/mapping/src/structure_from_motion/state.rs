@@ -28,7 +28,8 @@ pub(super) type Causes = BTreeMap<String, UnregisteredCause>;
 pub(super) struct Task {
     pub(super) images: PathBuf,
     pub(super) names: Vec<String>,
-    pub(super) camera_mode: &'static str,
+    /// The images of each camera.
+    pub(super) cameras: Vec<Vec<String>>,
     pub(super) is_sequential: bool,
     pub(super) seed: u64,
     work: PathBuf,
@@ -58,8 +59,8 @@ impl Task {
             SfmMatching::Sequential => true,
             SfmMatching::Auto => names.len() > MAX_EXHAUSTIVE && images::are_frames(&names),
         };
-        let camera_mode = images::camera_mode(&images, &names);
-        Ok(Self { images, names, camera_mode, is_sequential, seed: options.seed, work, files })
+        let cameras = images::by_camera(&images, &names);
+        Ok(Self { images, names, cameras, is_sequential, seed: options.seed, work, files })
     }
 
     /// Images of the smallest model that COLMAP keeps: it begins again when a model stays smaller, which a first pair without
@@ -106,7 +107,7 @@ impl Task {
             value.get("files").and_then(Value::as_array).into_iter().flatten().map(Value::to_string).collect()
         };
         let known = before.as_ref().map(files_of).unwrap_or_default();
-        let is_usable = same("camera_mode") && known.is_subset(&files_of(&self.description()));
+        let is_usable = same("cameras") && known.is_subset(&files_of(&self.description()));
         let remove = |path: &Path| match std::fs::remove_file(path) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(MappingError::io(path)(error)),
             _ => Ok(()),
@@ -145,7 +146,7 @@ impl Task {
 
     fn description(&self) -> Value {
         json!({
-            "camera_mode": self.camera_mode,
+            "cameras": self.cameras,
             "sequential": self.is_sequential,
             "seed": self.seed,
             // What is done with the models; a change computes them again, not the database.

@@ -50,6 +50,7 @@ mod tum;
 use std::path::Path;
 
 use self::names::ImageNames;
+use self::posed_input::Poses;
 pub use self::posed_input::{PoseFormat, PosedInput};
 use self::recognize::recognize;
 use crate::error::MappingError;
@@ -62,23 +63,43 @@ use crate::error::MappingError;
 /// several are, and the error of the reader, which names the file and the place in it.
 pub fn read_posed(path: &Path, images: &Path) -> Result<PosedInput, MappingError> {
     let (format, path) = recognize(path)?;
-    let names = ImageNames::new(images);
-    let poses = match format {
+    let read: fn(&Path, &ImageNames) -> Result<Poses, MappingError> = match format {
         PoseFormat::Colmap => return colmap::read(&path),
-        PoseFormat::Nerfstudio => nerfstudio::read(&path, &names),
-        PoseFormat::Bundler => bundler::read(&path, &names),
-        PoseFormat::Nvm => nvm::read(&path, &names),
-        PoseFormat::OpenSfm => opensfm::read(&path, &names),
-        PoseFormat::Metashape => metashape::read(&path, &names),
-        PoseFormat::RealityCapture => reality_capture::read(&path, &names),
-        PoseFormat::Kapture => kapture::read(&path, &names),
-        PoseFormat::Tum => tum::read(&path, &names),
-        PoseFormat::Kitti => kitti::read(&path, &names),
-        PoseFormat::Euroc => euroc::read(&path, &names),
-        PoseFormat::Polycam => ar_capture::read_polycam(&path, &names),
-        PoseFormat::Record3d => ar_capture::read_record3d(&path, &names),
-        PoseFormat::ScannerApp => ar_capture::read_scanner_app(&path, &names),
-    }?;
+        PoseFormat::Nerfstudio => nerfstudio::read,
+        PoseFormat::Bundler => bundler::read,
+        PoseFormat::Nvm => nvm::read,
+        PoseFormat::OpenSfm => opensfm::read,
+        PoseFormat::Metashape => metashape::read,
+        PoseFormat::RealityCapture => reality_capture::read,
+        PoseFormat::Kapture => kapture::read,
+        PoseFormat::Tum => tum::read,
+        PoseFormat::Kitti => kitti::read,
+        PoseFormat::Euroc => euroc::read,
+        PoseFormat::Polycam => ar_capture::read_polycam,
+        PoseFormat::Record3d => ar_capture::read_record3d,
+        PoseFormat::ScannerApp => ar_capture::read_scanner_app,
+    };
+    let names = ImageNames::new(images);
+    let mut poses = read(&path, &names)?;
+    let misplaced = names.misplaced();
+    if let Some(first) = misplaced.first().cloned() {
+        let count = misplaced.len();
+        let reason = format!(
+            "{count} images are in another folder than {}, which has other images of their names; the first is {first}",
+            images.display()
+        );
+        let names = names.without(misplaced.clone());
+        poses = read(&path, &names)?;
+        poses.images.retain(|image| !misplaced.contains(&image.name));
+        poses.without_file.retain(|written| !misplaced.contains(&names::cleaned(written)));
+        if poses.images.is_empty() {
+            return Err(posed_input::faulty(
+                &path,
+                format!("{reason}; give the folder that its paths are relative to"),
+            ));
+        }
+        poses.remarks.push(format!("left out: {reason}"));
+    }
     poses.finish(format, path)
 }
 

@@ -4,9 +4,13 @@
 //! `\` for `/`. A name is looked up as it is written first, then relative to the file that names it, then by shorter
 //! and shorter ends of the path, then with the extensions of images, and last by the only file of this name in the
 //! folders below.
+//!
+//! A file by a shorter end of its path may be another image: `cam1/3.jpg` is not `3.jpg` of the folder `cam0`. When all
+//! paths are read, those that lead to an image which another path names better, or to another image than the file
+//! that exists elsewhere, are [misplaced](ImageNames::misplaced).
 
-use std::cell::OnceCell;
-use std::collections::BTreeMap;
+use std::cell::{OnceCell, RefCell};
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 
 use crate::error::MappingError;
@@ -26,11 +30,60 @@ pub(super) struct ImageNames {
     folder: PathBuf,
     /// Names of all image files below the folder, by file name without extension.
     by_stem: OnceCell<BTreeMap<String, Vec<String>>>,
+    /// What was found so far.
+    found: RefCell<BTreeMap<String, Found>>,
+    /// Paths for which no file is to be found.
+    left_out: BTreeSet<String>,
+}
+
+/// The image that a path leads to.
+#[derive(Debug, Clone)]
+struct Found {
+    name: String,
+    /// The part of the path that was left away; `None` if it leads there as it is written.
+    dropped: Option<String>,
+    /// The file that the path names, if it exists outside of the folder of the images.
+    outside: Option<PathBuf>,
 }
 
 impl ImageNames {
     pub(super) fn new(folder: &Path) -> Self {
-        Self { folder: folder.to_owned(), by_stem: OnceCell::new() }
+        Self {
+            folder: folder.to_owned(),
+            by_stem: OnceCell::new(),
+            found: RefCell::default(),
+            left_out: BTreeSet::new(),
+        }
+    }
+
+    /// The same names, with no file for these paths.
+    pub(super) fn without(self, left_out: BTreeSet<String>) -> Self {
+        Self { left_out, ..self }
+    }
+
+    /// Of the paths that were looked up, those that lead to another image than the one that they name.
+    pub(super) fn misplaced(&self) -> BTreeSet<String> {
+        let found = self.found.borrow();
+        let as_written: BTreeSet<&str> =
+            found.values().filter(|f| f.dropped.is_none()).map(|f| f.name.as_str()).collect();
+        let mut claims: BTreeMap<&str, usize> = BTreeMap::new();
+        for of in found.values() {
+            *claims.entry(&of.name).or_default() += 1;
+        }
+        let dropped: BTreeSet<&str> = found.values().filter_map(|f| f.dropped.as_deref()).collect();
+        let own = self.folder.canonicalize().unwrap_or_else(|_| self.folder.clone());
+        let own = own.file_name().map(|name| name.to_string_lossy().into_owned());
+        let is_own = |dropped: &str| own.as_deref() == dropped.rsplit('/').next();
+        let is_misplaced = |of: &Found| {
+            let Some(part) = &of.dropped else { return false };
+            let is_claimed = claims[of.name.as_str()] > 1;
+            let is_other = |outside: &PathBuf| !is_same(outside, &image_file(&self.folder, &of.name));
+            as_written.contains(of.name.as_str())
+                || is_claimed && !is_own(part)
+                || !as_written.is_empty() && !is_own(part)
+                || dropped.len() > 1 && of.outside.as_ref().is_some_and(is_other)
+        };
+        found.iter().filter(|(_, of)| is_misplaced(of)).map(|(written, _)| written.clone()).collect()
     }
 
     /// The folder of the images.
@@ -66,38 +119,55 @@ impl ImageNames {
     }
 
     fn existing(&self, file: &Path, name: &str) -> Option<String> {
+        if self.left_out.contains(name) {
+            return None;
+        }
+        let (found, dropped) = self.lookup(file, name)?;
+        let named = file.parent().unwrap_or(Path::new("")).join(name);
+        let outside = (dropped.is_some() && named.is_file()).then_some(named);
+        self.found.borrow_mut().insert(name.to_owned(), Found { name: found.clone(), dropped, outside });
+        Some(found)
+    }
+
+    /// The name of an image, and the part of the path that was left away to find it.
+    fn lookup(&self, file: &Path, name: &str) -> Option<(String, Option<String>)> {
         let is_file = |name: &str| !name.is_empty() && image_file(&self.folder, name).is_file();
         if !Path::new(name).is_absolute() && is_file(name) {
-            return Some(name.to_owned());
+            return Some((name.to_owned(), None));
         }
         let beside_file = file.parent().unwrap_or(Path::new("")).join(name);
         if let (Ok(there), Ok(folder)) = (beside_file.canonicalize(), self.folder.canonicalize())
             && there.is_file()
             && let Ok(inside) = there.strip_prefix(&folder)
         {
-            return Some(inside.to_string_lossy().into_owned());
+            return Some((inside.to_string_lossy().into_owned(), None));
         }
         let parts: Vec<&str> = name.split('/').filter(|part| !matches!(*part, "" | "." | "..")).collect();
-        let ends = || (0..parts.len()).map(|from| parts[from..].join("/"));
-        if let Some(found) = ends().find(|end| is_file(end)) {
+        // The end from a part on, and what is before it.
+        let dropped = |from: usize| (from > 0).then(|| parts[..from].join("/"));
+        let ends = || (0..parts.len()).map(|from| (parts[from..].join("/"), dropped(from)));
+        if let Some(found) = ends().find(|(end, _)| is_file(end)) {
             return Some(found);
         }
-        let with_extensions = |end: String| {
+        let with_extensions = |(end, dropped): (String, Option<String>)| {
             let stem = without_extension(&end).to_owned();
             let bases = [end, stem];
-            bases.into_iter().flat_map(|base| EXTENSIONS.map(|extension| format!("{base}.{extension}")))
+            let names =
+                bases.into_iter().flat_map(|base| EXTENSIONS.map(|extension| format!("{base}.{extension}")));
+            names.map(move |name| (name, dropped.clone()))
         };
-        if let Some(found) = ends().flat_map(with_extensions).find(|end| is_file(end)) {
+        if let Some(found) = ends().flat_map(with_extensions).find(|(end, _)| is_file(end)) {
             return Some(found);
         }
         let last = parts.last()?;
+        let dropped = dropped(parts.len() - 1);
         let alike = self.by_stem();
         let alike = alike.get(*last).or_else(|| alike.get(without_extension(last)))?;
         let same: Vec<&String> =
             alike.iter().filter(|found| found.rsplit('/').next() == Some(*last)).collect();
         match (&same[..], &alike[..]) {
-            ([only], _) => Some((*only).clone()),
-            ([], [only]) => Some(only.clone()),
+            ([only], _) => Some(((*only).clone(), dropped)),
+            ([], [only]) => Some((only.clone(), dropped)),
             _ => None,
         }
     }
@@ -126,8 +196,14 @@ fn collect(folder: &Path, prefix: &str, depth: usize, found: &mut BTreeMap<Strin
     }
 }
 
+/// Whether two files have the same content.
+fn is_same(a: &Path, b: &Path) -> bool {
+    let length = |path: &Path| std::fs::metadata(path).ok().map(|data| data.len());
+    length(a) == length(b) && matches!((std::fs::read(a), std::fs::read(b)), (Ok(a), Ok(b)) if a == b)
+}
+
 /// A written name with `/`, without `./` and what it undoes.
-fn cleaned(written: &str) -> String {
+pub(super) fn cleaned(written: &str) -> String {
     let slashes = written.trim().replace('\\', "/");
     let parts: PathBuf = Path::new(&slashes).components().filter(|c| *c != Component::CurDir).collect();
     parts.to_string_lossy().into_owned()
@@ -173,5 +249,49 @@ mod tests {
         assert_eq!(names.all(), ["a.jpg", "cam0/b.png", "cam0/c.jpg", "cam1/c.jpg"]);
         assert!(names.with_size(&file, "d.jpg").expect("no file is no error").is_none());
         assert!(names.with_size(&file, "a.jpg").is_err(), "no image");
+    }
+    /// A file of posed images with two cameras, of which one folder is given, or a flat copy of both.
+    #[test]
+    fn image_of_another_folder_is_not_taken() {
+        let root = tempfile::tempdir().expect("temporary folder");
+        let write = |name: &str, content: &str| {
+            let path = root.path().join(name);
+            std::fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
+            std::fs::write(path, content).expect("written");
+        };
+        for name in ["images/cam0/1.jpg", "images/cam0/2.jpg", "images/cam1/1.jpg", "images/cam1/3.jpg"] {
+            write(name, name);
+        }
+        // Copied into one folder: cam0's is the one that is left.
+        write("flat/1.jpg", "images/cam0/1.jpg");
+        write("flat/2.jpg", "images/cam0/2.jpg");
+        write("flat/3.jpg", "images/cam1/3.jpg");
+        write("small/1.jpg", "smaller");
+        write("small/2.jpg", "smaller");
+        let file = root.path().join("transforms.json");
+        let misplaced = |folder: &str, paths: &[&str]| {
+            let names = ImageNames::new(&root.path().join(folder));
+            for path in paths {
+                names.find(&file, path);
+            }
+            let misplaced: Vec<String> = names.misplaced().into_iter().collect();
+            let names = names.without(misplaced.iter().cloned().collect());
+            assert!(misplaced.iter().all(|path| names.find(&file, path) == *path), "{misplaced:?}");
+            misplaced
+        };
+        let (zero, one) =
+            (["images/cam0/1.jpg", "images/cam0/2.jpg"], ["images/cam1/1.jpg", "images/cam1/3.jpg"]);
+        // cam1/1.jpg is not cam0's, whether the file names cam0's, too, or not.
+        assert_eq!(misplaced("images/cam0", &[zero[0], zero[1], one[0]]), [one[0]]);
+        assert_eq!(misplaced("images/cam0", &[zero[1], one[0]]), [one[0]]);
+        // In the flat copy it is neither's, or the other's.
+        assert_eq!(misplaced("flat", &[zero[1], one[0], one[1]]), [one[0]]);
+        assert_eq!(misplaced("flat", &[zero[0], zero[1], one[0], one[1]]), [zero[0], one[0]]);
+        // Other images of the same names, as of another size, are meant when one folder is replaced.
+        assert_eq!(misplaced("small", &zero), [""; 0]);
+        assert_eq!(misplaced("images", &[zero[0], one[0], one[1]]), [""; 0]);
+        // Paths of another machine.
+        assert_eq!(misplaced("images/cam0", &["/data/scan/cam0/1.jpg", "/data/scan/cam0/2.jpg"]), [""; 0]);
+        assert_eq!(misplaced("images/cam0", &["/data/cam0/1.jpg", "/data/cam1/1.jpg"]), ["/data/cam1/1.jpg"]);
     }
 }

@@ -68,7 +68,13 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
         let position = Json { path, value: point, place: &place }.array::<3>("coordinates")?;
         poses.points.push(Point3::from_vector(Vector3::from(position)));
     }
-    if part.get("reference_lla").is_some() {
+    // Models of images without GPS have a reference of zeros.
+    let is_on_earth = |reference: &Value| {
+        ["latitude", "longitude"]
+            .iter()
+            .any(|key| reference.get(key).and_then(Value::as_f64).is_some_and(|x| x != 0.0))
+    };
+    if part.get("reference_lla").is_some_and(is_on_earth) {
         poses.down = down(0.0, 0.0, -1.0);
     }
     Ok(poses)
