@@ -192,7 +192,8 @@ impl Map {
             let others = found.others.iter().map(|(model, images)| {
                 format!("{}: a model of {images} images that is not connected is not used", model.display())
             });
-            let left_out = found.left_out.iter().map(|(reason, count)| format!("{count} files are left out: {reason}"));
+            let left_out =
+                found.left_out.iter().map(|(reason, count)| format!("{count} files are left out: {reason}"));
             let bad = found.bad.iter().map(ToString::to_string);
             let remarks: Vec<String> = without_pose.chain(others).chain(left_out).chain(bad).collect();
             Self::finished(

@@ -74,7 +74,7 @@ pub(super) fn run(args: &BuildArgs, ui: &Ui) -> Outcome {
     let mut others = Vec::new();
     let input = args.posed.read(ui, |names| {
         let (images, work, out) = (&args.posed.images, args.work.as_deref(), &args.written.out);
-        let mut computed = args.sfm.models(images, names, work, out, args.posed.skip_bad, ui)?;
+        let mut computed = args.sfm.models(images, names, work, out, args.posed.bad.skip_bad, ui)?;
         others = computed.models.split_off(1);
         Ok(computed)
     })?;

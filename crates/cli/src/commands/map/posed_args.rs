@@ -24,12 +24,12 @@ pub(super) struct PosedArgs {
     /// step, are taken by ffmpeg (of the PATH, or of the Python package imageio-ffmpeg); it needs Python with NumPy.
     #[arg(long, value_name = "DIR|VIDEO")]
     pub(super) images: PathBuf,
-    /// Names of the images to use, one per line. Default: every image with a pose, or, without poses, every JPEG and PNG
-    /// file of the folder.
+    /// Names of the images to use, one per line. Default: every image with a pose, or, without poses, every photograph
+    /// of the folder.
     #[arg(long, value_name = "FILE")]
     list: Option<PathBuf>,
     #[command(flatten)]
-    bad: BadImageArgs,
+    pub(super) bad: BadImageArgs,
 }
 
 /// Handling of unusable images.

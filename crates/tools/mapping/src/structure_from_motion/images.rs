@@ -19,11 +19,15 @@ pub(super) fn all_of(folder: &Path) -> Result<(Vec<String>, BTreeMap<LeftOut, us
     folder.read_dir().map_err(MappingError::io(folder))?;
     let all = image_names(folder);
     let parts = |name: &str| name.split('/').map(str::to_owned).collect::<Vec<_>>();
-    let beside: BTreeSet<Vec<String>> = all.iter().map(|name| parts(name)[..parts(name).len() - 1].to_vec()).collect();
+    let beside: BTreeSet<Vec<String>> =
+        all.iter().map(|name| parts(name)[..parts(name).len() - 1].to_vec()).collect();
     let (mut kept, mut left_out) = (Vec::new(), BTreeMap::new());
     for name in all {
         let folders = &parts(&name)[..parts(&name).len() - 1];
-        let reason = folders.iter().enumerate().find_map(|(at, part)| LeftOut::of_folder(part, &folders[..at], &beside));
+        let reason = folders
+            .iter()
+            .enumerate()
+            .find_map(|(at, part)| LeftOut::of_folder(part, &folders[..at], &beside));
         match reason {
             Some(reason) => *left_out.entry(reason).or_default() += 1,
             None => kept.push(name),
@@ -92,11 +96,11 @@ impl fmt::Display for LeftOut {
 /// The images that share a camera, for each camera: those of one size, focal length and lens, as their EXIF has it. Zooms and
 /// lenses of one phone have one size.
 pub(super) fn by_camera(folder: &Path, names: &[String]) -> Vec<Vec<String>> {
-    let mut cameras: BTreeMap<(Option<(u32, u32)>, Vec<String>), Vec<String>> = BTreeMap::new();
+    let mut cameras: BTreeMap<_, Vec<String>> = BTreeMap::new();
     for name in names {
         let path = folder.join(name);
-        let key = (image::image_dimensions(&path).ok(), lens_of(&path));
-        cameras.entry(key).or_default().push(name.clone());
+        let size = image::image_dimensions(&path).ok();
+        cameras.entry((size, lens_of(&path))).or_default().push(name.clone());
     }
     let mut groups: Vec<Vec<String>> = cameras.into_values().collect();
     groups.sort();
@@ -111,10 +115,19 @@ fn lens_of(path: &Path) -> Vec<String> {
         .read_from_container(&mut std::io::BufReader::new(file))
         .or_else(|error| error.distill_partial_result(|_| {}));
     let Ok(exif) = exif else { return Vec::new() };
-    [Tag::Make, Tag::Model, Tag::LensModel, Tag::FocalLength, Tag::FocalLengthIn35mmFilm, Tag::DigitalZoomRatio]
-        .into_iter()
-        .map(|tag| exif.get_field(tag, In::PRIMARY).map_or_else(String::new, |field| field.display_value().to_string()))
-        .collect()
+    [
+        Tag::Make,
+        Tag::Model,
+        Tag::LensModel,
+        Tag::FocalLength,
+        Tag::FocalLengthIn35mmFilm,
+        Tag::DigitalZoomRatio,
+    ]
+    .into_iter()
+    .map(|tag| {
+        exif.get_field(tag, In::PRIMARY).map_or_else(String::new, |field| field.display_value().to_string())
+    })
+    .collect()
 }
 
 /// The images that cannot be decoded, before long work begins on the others.
@@ -184,8 +197,12 @@ mod tests {
         }
         let (kept, left_out) = all_of(root.path()).expect("a folder");
         assert_eq!(kept, ["images/a.png", "images/b.png", "images/c.png", "room_2/a.png"]);
-        let expected =
-            [(LeftOut::Mask, 1), (LeftOut::PreviewFolder, 1), (LeftOut::Preview, 1), (LeftOut::SmallerCopy, 1)];
+        let expected = [
+            (LeftOut::Mask, 1),
+            (LeftOut::PreviewFolder, 1),
+            (LeftOut::Preview, 1),
+            (LeftOut::SmallerCopy, 1),
+        ];
         assert_eq!(left_out, expected.into());
     }
 

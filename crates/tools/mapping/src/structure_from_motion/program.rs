@@ -98,7 +98,11 @@ pub(super) fn run_colmap(path: &Path, task: &Task, progress: &dyn Progress) -> R
         let list = list.to_string_lossy();
         let mut extract = vec!["feature_extractor", "--database_path", &database, "--image_path", &images];
         extract.extend(["--image_list_path", &list, "--ImageReader.single_camera", "1"]);
-        extract.extend(on_cpu(if is_new { "--FeatureExtraction.use_gpu" } else { "--SiftExtraction.use_gpu" }));
+        extract.extend(on_cpu(if is_new {
+            "--FeatureExtraction.use_gpu"
+        } else {
+            "--SiftExtraction.use_gpu"
+        }));
         step("features of structure from motion", &extract)?;
     }
     let matcher = if task.is_sequential { "sequential_matcher" } else { "exhaustive_matcher" };
