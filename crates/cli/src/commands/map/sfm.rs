@@ -9,6 +9,7 @@ use veiloc_mapping::structure_from_motion::{
     SfmMatching, SfmOptions, SfmReport, frames_of_video, reconstruct,
 };
 
+use super::remedy::with_remedy;
 use crate::output::exit::Failure;
 use crate::output::stages::Stages;
 use crate::output::ui::Ui;
@@ -89,9 +90,13 @@ impl SfmArgs {
                 frames.names.len(),
                 frames.folder.display()
             ));
-            (reconstruct(&frames.folder, Some(&frames.names), &work, &options, &stages)?, frames.folder)
+            (
+                reconstruct(&frames.folder, Some(&frames.names), &work, &options, &stages)
+                    .map_err(with_remedy)?,
+                frames.folder,
+            )
         } else {
-            (reconstruct(images, names, &work, &options, &stages)?, images.to_owned())
+            (reconstruct(images, names, &work, &options, &stages).map_err(with_remedy)?, images.to_owned())
         };
         self.print(&report, &work, ui);
         let mut models = vec![report.posed];
