@@ -9,7 +9,8 @@ use axum::http::HeaderMap;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 use base64::Engine as _;
-use base64::prelude::BASE64_STANDARD;
+use base64::alphabet::STANDARD;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use veiloc_map::MapFile;
@@ -29,6 +30,11 @@ use crate::telemetry::RequestContext;
 
 /// `imageFormat` of a sealed query.
 const SEALED: &str = "VEILOC_SEALED_QUERY";
+/// The standard alphabet, with or without padding.
+const BASE64: GeneralPurpose = GeneralPurpose::new(
+    &STANDARD,
+    GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent),
+);
 /// Bytes of a request without `imageBytes`.
 const FIELDS: usize = 64 << 10;
 /// Maximum length of `id`: it is repeated in the answer, which has one length.
@@ -191,7 +197,9 @@ impl GeoPoseRequest {
                 return Err(malformed(why));
             }
         }
-        BASE64_STANDARD.decode(&reading.image_bytes).map_err(|_| malformed("imageBytes must be base64"))
+        // Encoders of phones break lines, and some leave the padding away (RFC 2045, RFC 4648).
+        let text: String = reading.image_bytes.chars().filter(|c| !c.is_ascii_whitespace()).collect();
+        BASE64.decode(text).map_err(|_| malformed("imageBytes must be base64"))
     }
 
     /// Whether the client states that this scheme was applied.
