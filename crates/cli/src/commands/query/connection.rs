@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use veiloc_client::{Client, ClientError, ClientOptions, Notice};
+use veiloc_map::text::text_of;
 use veiloc_protocol::ProfileId;
 
 use crate::commands::seal::OTHER_PROFILE;
@@ -62,7 +63,8 @@ impl Connection {
     fn token(&self) -> Result<Option<String>, Failure> {
         Ok(match (&self.token, &self.token_file) {
             (Some(token), _) => Some(token.clone()),
-            (None, Some(path)) => Some(String::from_utf8_lossy(&files::read(path)?).into_owned()),
+            // Other bytes than text are refused as a token.
+            (None, Some(path)) => Some(text_of(files::read(path)?).unwrap_or_default()),
             (None, None) => std::env::var("VEILOC_TOKEN").ok(),
         })
     }
