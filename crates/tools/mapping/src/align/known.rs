@@ -123,8 +123,26 @@ pub(super) fn spread(positions: impl Iterator<Item = Vector3<f64>> + Clone) -> f
 
 /// The step of the grid that all numbers are on, of these; 0 without one.
 pub(super) fn grid_step(numbers: &[f64], steps: &[f64]) -> f64 {
-    let is_on = |step: f64| {
-        numbers.iter().all(|x| (x / step - (x / step).round()).abs() < 1e-6 * (x / step).abs().max(1.0))
-    };
+    let is_on = |step: f64| numbers.iter().all(|x| (x / step - (x / step).round()).abs() < OFF_GRID);
     steps.iter().copied().find(|step| numbers.len() >= MIN_REPEATED && is_on(*step)).unwrap_or(0.0)
+}
+
+/// Distance from a grid in steps, of numbers on it: they went through text, or through degrees, minutes and seconds.
+const OFF_GRID: f64 = 1e-3;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn grids_are_seen_in_the_numbers() {
+        let steps = [1.0 / 3600.0, 1e-4, 1e-5];
+        let seconds: Vec<f64> = (0..8).map(|i| 47.0 + 22.0 / 60.0 + f64::from(i * i) / 3600.0).collect();
+        assert_eq!(grid_step(&seconds, &steps), 1.0 / 3600.0);
+        let decimals: Vec<f64> = (0..8).map(|i| 47.3769 + f64::from(i * 7) * 1e-5).collect();
+        assert_eq!(grid_step(&decimals, &steps), 1e-5);
+        let free: Vec<f64> = (0..8).map(|i| 47.3769 + f64::from(i).sin() * 1e-4).collect();
+        assert_eq!(grid_step(&free, &steps), 0.0);
+        assert_eq!(grid_step(&seconds[..3], &steps), 0.0, "too few to tell");
+    }
 }
