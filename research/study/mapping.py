@@ -376,7 +376,7 @@ def geopose(address, sealed, camera):
             "sensorReadings": {"cameraReadings": [reading]}}  # fmt: skip
     request = urllib.request.Request(f"{address}/geopose", json.dumps(body).encode(), {"Content-Type": "application/json"})
     try:
-        return json.load(urllib.request.urlopen(request))["geopose"]["position"]
+        return json.load(urllib.request.urlopen(request))
     except urllib.error.HTTPError as error:
         if json.load(error).get("type", "").endswith("not-localized"):
             return None
@@ -393,7 +393,7 @@ def gps(run):
     structure from motion would give them. Queries are sealed and sent to a service, and their GeoPoses are compared with the true
     positions and with the GPS of their own files."""
     table = run.table("mapping/gps.csv", "place", "noise of GPS per axis (m)", "images with GPS", "extent of the cameras (m)",
-                      "error of scale (%)", "queries", "with a GeoPose", "GeoPose to the true position, median (m)",
+                      "error of scale (%)", "± of scale (%)", "refused", "queries", "with a GeoPose", "GeoPose to the true position, median (m)", "its accuracy, median (m)",
                       "GeoPose to the query's own GPS, median (m)", "own GPS to the true position, median (m)")  # fmt: skip
     for place in run.places:
         folder, kept = run.place(place), run.kept() / "gps" / place
@@ -415,7 +415,9 @@ def gps(run):
             for name in [*names, *held_out]:
                 own[name] = geodetic(enu[name] + noise * rng.normal(size=3))
                 (images / name).write_bytes(with_gps((folder / "images" / name).read_bytes(), own[name]))
-            found = run.json("map", "align", kept / "given.vmap", "--gps", images, "-o", aligned)["alignment"]
+            align = ["map", "align", kept / "given.vmap", "--gps", images, "-o", aligned, "--no-self-test"]
+            refused = subprocess.run([run.veiloc, *align, "--quiet"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode
+            found = run.json(*align, "--accept-fit")["alignment"]
             run.run("map", "profile", "--quiet", aligned, "-o", profile)
             origin = ",".join(repr(x) for x in found["origin"])
             service = subprocess.Popen(
@@ -423,13 +425,15 @@ def gps(run):
                  "--rate", "1000", "--answer-quantum", "0"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)  # fmt: skip
             try:
                 address = next(m[1] for m in (re.search(r"serving place on (http://[\d.:]+)", line) for line in service.stdout) if m)
-                off_truth, off_gps = [], []
+                off_truth, off_gps, stated = [], [], []
                 for name in held_out:
                     # The file with GPS: sealing reads no location.
                     camera = known[name].camera
                     run.run("seal", "--quiet", images / name, "--camera", camera.replace(" ", ","), "--profile", profile, "-o", sealed)
-                    position = geopose(address, sealed.read_bytes(), camera)
-                    if position is not None:
+                    answer = geopose(address, sealed.read_bytes(), camera)
+                    if answer is not None:
+                        position = answer["geopose"]["position"]
+                        stated.append(answer["accuracy"]["position"])
                         there = offset(position["lat"], position["lon"], position["h"])
                         off_truth.append(np.linalg.norm(there - enu[name]))
                         off_gps.append(np.linalg.norm(there - offset(*own[name])))
@@ -438,5 +442,6 @@ def gps(run):
                 service.wait()
             off_own = [np.linalg.norm(offset(*own[name]) - enu[name]) for name in held_out]
             table.add([place, noise, len(names), f"{np.sqrt(((centers - centers.mean(0)) ** 2).sum(1).mean()):.1f}",
-                       f"{100 * (found['scale'] * gauge(SEED)[0] - 1):.1f}", len(held_out), len(off_truth),
-                       *(f"{np.median(off):.2f}" for off in (off_truth, off_gps, off_own))])  # fmt: skip
+                       f"{100 * (found['scale'] * gauge(SEED)[0] - 1):.1f}", f"{100 * found['accuracy']['scale']:.1f}",
+                       "yes" if refused else "no", len(held_out), len(off_truth),
+                       *(f"{np.median(off):.2f}" for off in (off_truth, stated, off_gps, off_own))])  # fmt: skip
