@@ -242,6 +242,13 @@ impl<Out> Rigid3<Out, World> {
     }
 }
 
+/// The smallest rotation that turns a direction into `z`; for the opposite of `z`, half a turn about `x`.
+pub fn rotation_to_z(direction: &Vector3<f64>) -> Rotation3<f64> {
+    UnitQuaternion::rotation_between(direction, &Vector3::z())
+        .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI))
+        .to_rotation_matrix()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

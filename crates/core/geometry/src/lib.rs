@@ -23,7 +23,7 @@ pub mod statistics;
 mod stop;
 
 pub use camera_model::{CameraModel, IntrinsicsError};
-pub use frames::{CameraFromRig, CameraFromWorld, Point3, RigFromWorld, Rigid3};
+pub use frames::{CameraFromRig, CameraFromWorld, Point3, RigFromWorld, Rigid3, rotation_to_z};
 pub use geodetic::Geodetic;
 pub use intrinsics::{Intrinsics, Pinhole};
 pub use line::{PixelLine, PlaneLine};

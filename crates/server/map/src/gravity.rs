@@ -24,6 +24,9 @@ pub struct GravityDirectionError {
 const MAX_NORM_ERROR: f64 = 1e-6;
 
 impl GravityDirection {
+    /// That of a map whose `z` axis is up.
+    pub const MINUS_Z: Self = Self([0.0, 0.0, -1.0]);
+
     /// From a vector of any length except zero.
     ///
     /// # Errors

@@ -184,13 +184,12 @@ fn level(model: &MapModel, ui: &Ui) -> Result<Found, Failure> {
         -Vector3::from(down.in_world())
     } else {
         let found = align::up_of_images(model)?;
-        let turned = if found.turned > 0 {
-            format!("; {} are stored on their side", found.turned)
-        } else {
-            String::new()
+        let on_side = match found.on_side {
+            0 => String::new(),
+            count => format!("; {count} are stored on their side"),
         };
         ui.info(format_args!(
-            "Gravity by the images to ± {:.1}°; their horizontal axes are tilted by {:.1}° in the median{turned}",
+            "Gravity by the images to ± {:.1}°; their horizontal axes are tilted by {:.1}° in the median{on_side}",
             found.sd_deg * std::f64::consts::SQRT_2,
             found.tilt_deg
         ));
@@ -201,7 +200,7 @@ fn level(model: &MapModel, ui: &Ui) -> Result<Found, Failure> {
         similarity,
         info: AlignmentInfo::of(&similarity),
         is_metric: model.is_metric,
-        down: GravityDirection::new([0.0, 0.0, -1.0]).ok(),
+        down: Some(GravityDirection::MINUS_Z),
         accuracy: None,
     })
 }

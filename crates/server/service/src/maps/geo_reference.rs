@@ -4,8 +4,8 @@ use std::str::FromStr;
 
 use serde::Serialize;
 use utoipa::ToSchema;
-use veiloc_geometry::Geodetic;
 use veiloc_geometry::nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
+use veiloc_geometry::{Geodetic, rotation_to_z};
 use veiloc_map::AlignmentAccuracy;
 use veiloc_protocol::AnswerPose;
 
@@ -16,8 +16,8 @@ pub struct GeoReference {
     pub map: String,
     /// Where the origin of the map is.
     pub origin: Geodetic,
-    /// Direction of the map's `x` axis, when the map is turned so that its up is `z`: degrees from east, counter-clockwise seen from above. 0 for a map that
-    /// `veiloc map align --gps` aligned.
+    /// Direction of the map's `x` axis, with the map rotated so that its up is `z`: degrees from east, counter-clockwise
+    /// seen from above. 0 for a map that `veiloc map align --gps` aligned.
     pub x_from_east_deg: f64,
 }
 
@@ -55,10 +55,8 @@ impl GeoReference {
         alignment: Option<AlignmentAccuracy>,
     ) -> Option<(GeoPose, GeoPoseAccuracy)> {
         let up = -Vector3::from(down.unwrap_or([0.0, 0.0, -1.0]));
-        let level = UnitQuaternion::rotation_between(&up, &Vector3::z())
-            .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
         let heading = Rotation3::from_axis_angle(&Vector3::z_axis(), self.x_from_east_deg.to_radians());
-        let enu_from_map = heading * level.to_rotation_matrix();
+        let enu_from_map = heading * rotation_to_z(&up);
         let position = self.origin.at_east_north_up(&(enu_from_map * Vector3::from(pose.center())));
         // East, north and up at the camera are not exactly those at the origin.
         let here_from_origin = position.enu_from_ecef() * self.origin.enu_from_ecef().transpose();

@@ -193,7 +193,7 @@ impl MapSlot {
     }
 
     /// Warns of a map with a geographic reference that does not say that its unit is metres, or where down is: its GeoPoses are
-    /// wrong by the scale of the map, or turned.
+    /// wrong by the scale of the map, or rotated.
     fn check_reference(&self, loaded: &LoadedMap) {
         if !self.has_reference {
             return;

@@ -2,6 +2,14 @@
 
 use std::fmt;
 
+use veiloc_geometry::nalgebra::Vector3;
+use veiloc_map::MapModel;
+
+use super::fit::{Fit, Pair, fit, residual};
+use super::known::{KnownPositions, spread};
+use super::level::MapUp;
+use crate::coordinate_frames::{Similarity3, median};
+
 /// A reason not to believe an alignment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
@@ -120,3 +128,146 @@ impl fmt::Display for AlignmentFault {
         }
     }
 }
+
+/// A fit and what it is judged by.
+pub(super) struct Judge<'a> {
+    pub(super) known: &'a KnownPositions,
+    pub(super) pairs: &'a [Pair],
+    pub(super) found: &'a Fit,
+    pub(super) up: Option<MapUp>,
+    pub(super) has_vertical: bool,
+}
+
+impl Judge<'_> {
+    pub(super) fn faults(&self) -> Vec<AlignmentFault> {
+        let Self { known, pairs, found, .. } = self;
+        let mut faults = Vec::new();
+        let all = known.positions.len();
+        let repeated = all - pairs.len();
+        if 2 * repeated > all {
+            faults.push(AlignmentFault::Repeated { repeated, all });
+        }
+        let used = || pairs.iter().zip(&found.used).filter(|(_, used)| **used).map(|(pair, _)| pair);
+        let count = used().count();
+        if 2 * count < pairs.len() {
+            faults.push(AlignmentFault::FewAgree { used: count, all: pairs.len() });
+        }
+        let share = spread(used().map(|pair| pair.x)) / spread(pairs.iter().map(|pair| pair.x));
+        if share < MIN_PART {
+            faults.push(AlignmentFault::Part { share });
+        }
+        let extent =
+            2.0 * used().map(|pair| pair.y).fold(0.0, |most: f64, y| most.max((y - self.middle()).norm()));
+        if found.rms > MAX_DISTANCES * extent {
+            faults.push(AlignmentFault::Distances { rms: found.rms, extent });
+        }
+        let sd = found.covariance[(0, 0)].sqrt();
+        if sd.is_nan() || sd > MAX_SCALE_SD {
+            faults.push(AlignmentFault::Scale { sd });
+        }
+        faults.extend(self.heights());
+        faults.extend(self.up());
+        faults.extend(self.mirrored());
+        faults.extend(self.shifted());
+        faults
+    }
+
+    fn middle(&self) -> Vector3<f64> {
+        self.found.similarity.transform(&self.found.center)
+    }
+
+    /// Whether the positions by themselves have another up direction than the map.
+    fn up(&self) -> Option<AlignmentFault> {
+        let up = self.up?;
+        let alone = fit(self.pairs, None, self.has_vertical)?;
+        let tilt = |similarity: &Similarity3| (similarity.rotation * up.direction).angle(&Vector3::z());
+        let sd = (alone.covariance[(1, 1)] + alone.covariance[(2, 2)] + 2.0 * up.sd_deg.to_radians().powi(2))
+            .sqrt();
+        let own = tilt(&alone.similarity);
+        let angle = if own < UP_SDS * sd { tilt(&self.found.similarity) } else { own };
+        let angle_deg = angle.to_degrees();
+        (angle_deg > MAX_UP_DEG).then_some(AlignmentFault::Up { angle_deg })
+    }
+
+    /// Two groups of heights that one offset does not explain.
+    fn heights(&self) -> Option<AlignmentFault> {
+        let with_height = self.pairs.iter().filter(|pair| pair.has_height);
+        let mut left: Vec<f64> = with_height.map(|pair| residual(pair, &self.found.similarity).z).collect();
+        if !self.has_vertical || left.len() < MIN_HEIGHTS {
+            return None;
+        }
+        left.sort_by(f64::total_cmp);
+        let least = (MIN_GROUP * left.len() as f64).ceil() as usize;
+        let gap = |at: &usize| left[*at] - left[at - 1];
+        let at = (least..=left.len() - least).max_by(|a, b| gap(a).total_cmp(&gap(b)))?;
+        let middle_and_sd = |group: &[f64]| {
+            let middle = group[group.len() / 2];
+            (middle, 1.4826 * median(group.iter().map(|x| (x - middle).abs()).collect()))
+        };
+        let [(low, low_sd), (high, high_sd)] = [middle_and_sd(&left[..at]), middle_and_sd(&left[at..])];
+        let apart = high - low;
+        (gap(&at) > KIND_SDS * low_sd.max(high_sd) && apart > MIN_KINDS_APART * self.size())
+            .then_some(AlignmentFault::Heights { apart })
+    }
+
+    /// Spread of the positions.
+    fn size(&self) -> f64 {
+        spread(self.pairs.iter().map(|pair| self.found.similarity.transform(&pair.x)))
+    }
+
+    /// Whether other pairs fit much better: with at least as many, at smaller distances.
+    fn better(&self, pairs: &[Pair], up: Option<MapUp>) -> Option<f64> {
+        let other = fit(pairs, up, self.has_vertical)?;
+        let count = |fit: &Fit| fit.used.iter().filter(|used| **used).count() as f64 / fit.used.len() as f64;
+        let share = (other.rms / other.similarity.scale) / (self.found.rms / self.found.similarity.scale);
+        (share < MUCH_BETTER && count(&other) >= 0.9 * count(self.found)).then_some(share)
+    }
+
+    fn mirrored(&self) -> Option<AlignmentFault> {
+        let mirror = |pair: &Pair| Pair { y: Vector3::new(pair.y.x, -pair.y.y, pair.y.z), ..*pair };
+        let mirrored: Vec<Pair> = self.pairs.iter().map(mirror).collect();
+        Some(AlignmentFault::Mirrored { share: self.better(&mirrored, self.up)? })
+    }
+
+    fn shifted(&self) -> Option<AlignmentFault> {
+        if !self.known.is_list || self.pairs.len() < MIN_SHIFTED {
+            return None;
+        }
+        let by = |lines: isize| {
+            let place = |(i, pair): (usize, &Pair)| {
+                let other = self.pairs.get(i.checked_add_signed(lines)?)?;
+                Some(Pair { y: other.y, has_height: other.has_height, ..*pair })
+            };
+            let shifted: Vec<Pair> = self.pairs.iter().enumerate().filter_map(place).collect();
+            Some(AlignmentFault::Shifted { lines, share: self.better(&shifted, self.up)? })
+        };
+        [1, -1, 2, -2].into_iter().find_map(by)
+    }
+}
+
+/// What speaks against metres: the median distance of what the images see, in the new unit.
+pub fn implausible_metres(model: &MapModel, scale: f64) -> Option<AlignmentFault> {
+    let distance = scale * crate::calibration::run::scale(model);
+    (distance > 0.0 && !METRES_SEEN.contains(&distance)).then_some(AlignmentFault::Metres { distance })
+}
+
+/// Relative standard deviation of the scale from which on it is not to be believed.
+const MAX_SCALE_SD: f64 = 0.05;
+/// Angle between two up directions from which on one of them is wrong, degrees, if it is also this many standard deviations.
+const MAX_UP_DEG: f64 = 10.0;
+const UP_SDS: f64 = 3.0;
+/// Spread of the positions that agree, of that of all.
+const MIN_PART: f64 = 1.0 / 3.0;
+/// Root mean square distance, of the extent.
+const MAX_DISTANCES: f64 = 0.05;
+/// Share of the distances of a fit that is much better.
+const MUCH_BETTER: f64 = 0.5;
+/// Fewest positions of a list that may be shifted.
+const MIN_SHIFTED: usize = 8;
+/// Heights of two kinds: fewest heights, smallest group, gap in standard deviations, and distance in spreads of the positions.
+const MIN_HEIGHTS: usize = 8;
+const MIN_GROUP: f64 = 0.2;
+const KIND_SDS: f64 = 4.0;
+const MIN_KINDS_APART: f64 = 0.5;
+/// Median distances, metres, at which images show something: from a table top to a valley seen from a drone.
+const METRES_SEEN: std::ops::RangeInclusive<f64> = 0.05..=500.0;

@@ -12,10 +12,11 @@
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use veiloc_geometry::nalgebra::{
-    DMatrix, Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3,
-};
+use veiloc_geometry::nalgebra::{DMatrix, Matrix3, Rotation3, SMatrix, SVector, Vector2, Vector3};
 
+use veiloc_geometry::rotation_to_z;
+
+use super::level::MapUp;
 use crate::coordinate_frames::{Similarity3, median};
 
 /// A pair of positions, in axes whose `z` is up if that is known.
@@ -29,15 +30,6 @@ pub(super) struct Pair {
     pub(super) has_height: bool,
     /// Least standard deviation of `y` along each axis.
     pub(super) least_sd: f64,
-}
-
-/// The up direction in the map, which is `z` of the new coordinate frame.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct KnownUp {
-    /// Unit vector.
-    pub(super) in_map: Vector3<f64>,
-    /// Standard deviation of each of its two angles, radians.
-    pub(super) sd: f64,
 }
 
 /// A fitted similarity.
@@ -65,14 +57,14 @@ const MIN_SHAPE: f64 = 0.02;
 const MAX_SAMPLES: usize = 2000;
 /// Rounds of selection and estimation.
 const ROUNDS: usize = 30;
-/// Of heights that nobody knows, in multiples of the extent: any.
+/// Standard deviation of heights of which none is known, in multiples of the extent: any height.
 const UNKNOWN_HEIGHT: f64 = 1e6;
 
 /// Fits a similarity; `None` when the pairs determine none: fewer than three, or two with a known up direction, or all at one
-/// place, or on a line (with a known up direction: above each other).
+/// place, or on a line (with a known up direction: above each other). `up` is the direction in the map that becomes `z`.
 ///
 /// `has_vertical` says that `z` is up, so that errors of heights are other ones than those along the ground.
-pub(super) fn fit(pairs: &[Pair], up: Option<KnownUp>, has_vertical: bool) -> Option<Fit> {
+pub(super) fn fit(pairs: &[Pair], up: Option<MapUp>, has_vertical: bool) -> Option<Fit> {
     let start = start(pairs, up)?;
     let mut similarity = start;
     let mut used = vec![true; pairs.len()];
@@ -100,7 +92,7 @@ fn extent(pairs: &[Pair]) -> f64 {
 }
 
 /// What is left of a pair; without a height, along the ground.
-fn residual(pair: &Pair, similarity: &Similarity3) -> Vector3<f64> {
+pub(super) fn residual(pair: &Pair, similarity: &Similarity3) -> Vector3<f64> {
     let mut left = pair.y - similarity.transform(&pair.x);
     if !pair.has_height {
         left.z = 0.0;
@@ -114,7 +106,7 @@ fn residuals(pairs: &[Pair], similarity: &Similarity3) -> Vec<f64> {
 
 /// Of many small samples, and of all pairs, the similarity with the least median residual in units of the map: in those of the
 /// new frame, a similarity that shrinks the map to where most positions are alike would win.
-fn start(pairs: &[Pair], up: Option<KnownUp>) -> Option<Similarity3> {
+fn start(pairs: &[Pair], up: Option<MapUp>) -> Option<Similarity3> {
     let mut best: Option<(f64, Similarity3)> = None;
     let mut consider = |found: Option<Similarity3>| {
         let Some(found) = found else { return };
@@ -144,8 +136,8 @@ fn start(pairs: &[Pair], up: Option<KnownUp>) -> Option<Similarity3> {
 }
 
 /// Scale, heading and position of some pairs, with gravity as known; `None` if they lie above each other.
-fn level_fit(pairs: &[Pair], chosen: &[usize], up: &KnownUp) -> Option<Similarity3> {
-    let level = rotation_to_z(&up.in_map);
+fn level_fit(pairs: &[Pair], chosen: &[usize], up: &MapUp) -> Option<Similarity3> {
+    let level = rotation_to_z(&up.direction);
     let count = chosen.len() as f64;
     let moved: Vec<(Vector3<f64>, &Pair)> = chosen.iter().map(|&i| (level * pairs[i].x, &pairs[i])).collect();
     let mean_x = moved.iter().map(|(x, _)| x).sum::<Vector3<f64>>() / count;
@@ -171,13 +163,6 @@ fn level_fit(pairs: &[Pair], chosen: &[usize], up: &KnownUp) -> Option<Similarit
     Some(Similarity3 { scale, rotation, translation: Vector3::new(ground.x, ground.y, lift) })
 }
 
-/// The smallest rotation that makes a direction `z`.
-pub(super) fn rotation_to_z(direction: &Vector3<f64>) -> Rotation3<f64> {
-    UnitQuaternion::rotation_between(direction, &Vector3::z())
-        .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI))
-        .to_rotation_matrix()
-}
-
 type Estimate = (Similarity3, SMatrix<f64, PARAMETERS, PARAMETERS>, Vector3<f64>);
 
 /// Least squares over the used pairs: the similarity, its covariance, and the point of the map that it refers to.
@@ -185,7 +170,7 @@ fn refine(
     pairs: &[Pair],
     used: &[bool],
     start: &Similarity3,
-    up: Option<KnownUp>,
+    up: Option<MapUp>,
     has_vertical: bool,
 ) -> Option<Estimate> {
     let chosen: Vec<&Pair> =
@@ -218,14 +203,15 @@ fn refine(
             information[(6, 6)] += (UNKNOWN_HEIGHT * size).powi(-2);
         }
         if let Some(up) = up {
-            let tilt = rotation * up.in_map;
+            let sd = up.sd_deg.to_radians();
+            let tilt = rotation * up.direction;
             let turn = -tilt.cross_matrix();
             for axis in 0..2 {
-                let row = turn.row(axis).transpose() / up.sd;
+                let row = turn.row(axis).transpose() / sd;
                 let mut block = information.fixed_view_mut::<3, 3>(1, 1);
                 block += row * row.transpose();
                 let mut slope = gradient.fixed_rows_mut::<3>(1);
-                slope += row * (-tilt[axis] / up.sd);
+                slope += row * (-tilt[axis] / sd);
             }
         }
         let step = information.cholesky()?.solve(&gradient);
@@ -235,8 +221,8 @@ fn refine(
         scale *= step[0].clamp(-0.5, 0.5).exp();
         rotation = Rotation3::from_scaled_axis(step.fixed_rows::<3>(1).into_owned()) * rotation;
         at += step.fixed_rows::<3>(4);
-        let turned = step.fixed_rows::<3>(1).norm();
-        if step[0].abs().max(turned) < 1e-12 && step.fixed_rows::<3>(4).norm() < 1e-12 * size {
+        let angle = step.fixed_rows::<3>(1).norm();
+        if step[0].abs().max(angle) < 1e-12 && step.fixed_rows::<3>(4).norm() < 1e-12 * size {
             break;
         }
     }
@@ -250,7 +236,7 @@ fn refine(
 }
 
 /// Number of parameters that the positions determine alone.
-fn free_parameters(up: Option<KnownUp>) -> f64 {
+fn free_parameters(up: Option<MapUp>) -> f64 {
     if up.is_some() { 5.0 } else { PARAMETERS as f64 }
 }
 

@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 
-use exif::{Exif, In, Reader, Tag, Value};
+use exif::{Exif, In, Tag, Value};
 use veiloc_geometry::Geodetic;
 use veiloc_map::{GravityDirection, MapModel};
 
 use super::known::{KnownPosition, KnownPositions, grid_step};
 use crate::error::MappingError;
+use crate::input::exif::exif_of;
 use crate::input::image_names::image_file;
 
 /// Known positions of a map's images from GPS in the EXIF of their files. The frame is east, north, up about the first of
@@ -48,7 +49,7 @@ pub fn gps_positions(model: &MapModel, images: &Path) -> Result<KnownPositions, 
         fixes.iter().flat_map(|(_, fix)| [fix.place.latitude, fix.place.longitude]).collect();
     Ok(KnownPositions {
         positions: fixes.iter().map(position).collect(),
-        down: GravityDirection::new([0.0, 0.0, -1.0]).ok(),
+        down: Some(GravityDirection::MINUS_Z),
         origin: Some(origin),
         has_heights: height.is_some(),
         is_metric: true,
@@ -98,12 +99,10 @@ impl fmt::Display for NoFix {
 
 /// The position in the EXIF of a file.
 fn fix_of(path: &Path) -> Result<Fix, NoFix> {
-    let file = std::fs::File::open(path).map_err(|_| NoFix::NoFile)?;
-    let exif = Reader::new()
-        .continue_on_error(true)
-        .read_from_container(&mut std::io::BufReader::new(file))
-        .or_else(|error| error.distill_partial_result(|_| {}))
-        .map_err(|_| NoFix::NoGps)?;
+    if !path.is_file() {
+        return Err(NoFix::NoFile);
+    }
+    let exif = exif_of(path).ok_or(NoFix::NoGps)?;
     let number = |tag| rationals(&exif, tag).and_then(|numbers| numbers.first().copied());
     let latitude = angle(&exif, Tag::GPSLatitude, Tag::GPSLatitudeRef, [b'N', b'S'])?;
     let longitude = angle(&exif, Tag::GPSLongitude, Tag::GPSLongitudeRef, [b'E', b'W'])?;

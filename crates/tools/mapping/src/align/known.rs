@@ -1,10 +1,12 @@
 //! Known positions of images or points, and which of them repeat others.
 
+use std::collections::HashSet;
+
 use veiloc_geometry::Geodetic;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_map::GravityDirection;
 
-use super::fit::closed_form;
+use super::fit::{Pair, closed_form};
 
 /// A position in a map, and where it is known to be.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,19 +56,16 @@ const MAX_CENTERS: usize = 300;
 const MIN_SPREAD: f64 = 0.2;
 
 /// Which positions count, `[N]`: one of each group of positions that are equal, or that are together where the map has them
-/// apart. Phones write their last fix again and again where they have no new one.
-pub(super) fn counted(positions: &[KnownPosition]) -> Vec<bool> {
-    let mut counted = vec![true; positions.len()];
-    let bits = |p: &KnownPosition| {
-        [p.known.x, p.known.y, if p.has_height { p.known.z } else { 0.0 }].map(f64::to_bits)
-    };
-    let mut seen = std::collections::HashSet::new();
-    for (counted, position) in counted.iter_mut().zip(positions) {
-        *counted = seen.insert(bits(position));
-    }
+/// apart. Phones write their last fix again and again where they have no new one. If `z` is up, positions that are together on
+/// the ground are together.
+pub(super) fn counted(pairs: &[Pair], has_vertical: bool) -> Vec<bool> {
+    let mut seen = HashSet::new();
+    let bits =
+        |pair: &Pair| [pair.y.x, pair.y.y, if pair.has_height { pair.y.z } else { 0.0 }].map(f64::to_bits);
+    let mut counted: Vec<bool> = pairs.iter().map(|pair| seen.insert(bits(pair))).collect();
     loop {
-        let left: Vec<usize> = (0..positions.len()).filter(|&i| counted[i]).collect();
-        let Some(together) = together(positions, &left) else { return counted };
+        let left: Vec<usize> = (0..pairs.len()).filter(|&i| counted[i]).collect();
+        let Some(together) = together(pairs, &left, has_vertical) else { return counted };
         let first = together.iter().copied().min();
         for i in together {
             counted[i] = Some(i) == first;
@@ -75,22 +74,24 @@ pub(super) fn counted(positions: &[KnownPosition]) -> Vec<bool> {
 }
 
 /// The group of positions that are most together, if the map has them apart.
-fn together(positions: &[KnownPosition], left: &[usize]) -> Option<Vec<usize>> {
+fn together(pairs: &[Pair], left: &[usize], has_vertical: bool) -> Option<Vec<usize>> {
     let count = MIN_REPEATED.max((NEIGHBOURS * left.len() as f64).ceil() as usize);
     if left.len() < 2 * count {
         return None;
     }
-    let ground = |i: usize| Vector3::new(positions[i].known.x, positions[i].known.y, 0.0);
-    let in_map = |i: usize| positions[i].in_map;
-    let [all_known, all_in_map] =
-        [spread(left.iter().map(|&i| ground(i))), spread(left.iter().map(|&i| in_map(i)))];
+    let known = |i: usize| {
+        let y = &pairs[i].y;
+        Vector3::new(y.x, y.y, if has_vertical { 0.0 } else { y.z })
+    };
+    let spreads =
+        |of: &[usize]| [spread(of.iter().map(|&i| known(i))), spread(of.iter().map(|&i| pairs[i].x))];
+    let [all_known, all_in_map] = spreads(left);
     let nearest = |&i: &usize| {
+        let distance = |j: usize| (known(j) - known(i)).norm();
         let mut others = left.to_vec();
-        others.sort_by(|&a, &b| (ground(a) - ground(i)).norm().total_cmp(&(ground(b) - ground(i)).norm()));
-        let group = &others[..count];
-        let known = spread(group.iter().map(|&j| ground(j))) / all_known;
-        let share = known / (spread(group.iter().map(|&j| in_map(j))) / all_in_map);
-        (share, i, others)
+        others.sort_by(|&a, &b| distance(a).total_cmp(&distance(b)));
+        let [known, in_map] = spreads(&others[..count]);
+        ((known / all_known) / (in_map / all_in_map), i, others)
     };
     let step = left.len().div_ceil(MAX_CENTERS);
     let (share, center, others) =
@@ -98,13 +99,12 @@ fn together(positions: &[KnownPosition], left: &[usize]) -> Option<Vec<usize>> {
     if share.is_nan() || share >= MIN_SPREAD {
         return None;
     }
+    let (group, reach) = (&others[..count], 3.0 * spreads(&others[..count])[0]);
     // Wrong positions far away make right ones look together, too; these have the shape of the map.
-    let group: Vec<_> = others[..count].iter().map(|&j| (in_map(j), positions[j].known)).collect();
-    if shape_shared(&group) > MAX_SHAPE_SHARED {
+    if shape_shared(&group.iter().map(|&j| (pairs[j].x, pairs[j].y)).collect::<Vec<_>>()) > MAX_SHAPE_SHARED {
         return None;
     }
-    let reach = 3.0 * spread(others[..count].iter().map(|&j| ground(j)));
-    Some(others.into_iter().filter(|&j| (ground(j) - ground(center)).norm() <= reach).collect())
+    Some(others.into_iter().filter(|&j| (known(j) - known(center)).norm() <= reach).collect())
 }
 
 /// Share of the variance of known positions that a similarity of those in the map explains.

@@ -23,9 +23,32 @@ pub struct ImagesUp {
     /// Median angle between the horizontal axes of the images and the horizontal plane, degrees.
     pub tilt_deg: f64,
     /// Images that are stored on their side.
-    pub turned: usize,
+    pub on_side: usize,
 }
 
+/// The up direction of a map, from its gravity or from its images.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MapUp {
+    /// Unit vector in the map.
+    pub direction: Vector3<f64>,
+    /// Standard deviation of each of its two angles, degrees.
+    pub sd_deg: f64,
+}
+
+impl MapUp {
+    /// The opposite of the direction of gravity that a map has, or, for lack of it, of the images; `None` if they do not show
+    /// it.
+    pub fn of(model: &MapModel) -> Option<Self> {
+        if let Some(down) = model.down {
+            return Some(Self { direction: -Vector3::from(down.in_world()), sd_deg: KNOWN_DOWN_SD_DEG });
+        }
+        let found = up_of_images(model).ok()?;
+        Some(Self { direction: found.direction, sd_deg: found.sd_deg })
+    }
+}
+
+/// Standard deviation of a direction of gravity that a map has: of an AR capture, or of who gave it. Degrees.
+const KNOWN_DOWN_SD_DEG: f64 = 1.0;
 /// Images that vote, and pairs of them that propose directions.
 const MAX_IMAGES: usize = 400;
 const MAX_PAIRS: usize = 300;
@@ -52,22 +75,23 @@ struct Candidate {
     votes: f64,
 }
 
-/// The horizontal axis of an image, when down is this direction.
+/// How an image agrees with a direction of gravity, in the quarter turn that agrees best.
 struct Vote {
     horizontal: Vector3<f64>,
     tilt: f64,
     weight: f64,
-    is_turned: bool,
+    is_on_side: bool,
 }
 
-/// Rows of the rotations: right and down of each image, in the map.
+/// The vote of an image for a direction of gravity; `None` if none of its edges is below. The axes of the image, right and
+/// down, are in the map.
 fn vote([right, below]: &[Vector3<f64>; 2], down: &Vector3<f64>) -> Option<Vote> {
     let turns = [(*below, right), (*right, below), (-right, below), (-below, right)];
     let votes = turns.into_iter().zip(WEIGHTS).filter_map(|((vertical, horizontal), of_turn)| {
         let tilt = horizontal.dot(down).clamp(-1.0, 1.0).asin().to_degrees();
         let weight = of_turn * (-0.5 * (tilt / USUAL_TILT_DEG).powi(2)).exp();
-        let is_turned = !std::ptr::eq(horizontal, right);
-        (vertical.dot(down) > MIN_COS).then_some(Vote { horizontal: *horizontal, tilt, weight, is_turned })
+        let is_on_side = !std::ptr::eq(horizontal, right);
+        (vertical.dot(down) > MIN_COS).then_some(Vote { horizontal: *horizontal, tilt, weight, is_on_side })
     });
     votes.max_by(|a, b| a.weight.total_cmp(&b.weight))
 }
@@ -85,7 +109,9 @@ pub fn up_of_images(model: &MapModel) -> Result<ImagesUp, MappingError> {
     let mut candidates = candidates(&axes);
     candidates.sort_by(|a, b| b.votes.total_cmp(&a.votes));
     let Some(best) = candidates.first() else {
-        return refuse("it has too few images to show which direction is down; give it with --down");
+        return refuse(
+            "the map has too few images to show which direction is down; give this direction with --down",
+        );
     };
     let (found, plane) = refined(&axes, &best.down);
     if plane < MIN_PLANE {
@@ -156,6 +182,6 @@ fn refined(axes: &[[Vector3<f64>; 2]], start: &Vector3<f64>) -> (ImagesUp, f64) 
     }
     let votes: Vec<Vote> = axes.iter().filter_map(|axes| vote(axes, &down)).collect();
     let tilt_deg = median(votes.iter().map(|v| v.tilt.abs()).collect());
-    let turned = votes.iter().filter(|v| v.is_turned).count();
-    (ImagesUp { direction: -down, sd_deg, tilt_deg, turned }, plane)
+    let on_side = votes.iter().filter(|v| v.is_on_side).count();
+    (ImagesUp { direction: -down, sd_deg, tilt_deg, on_side }, plane)
 }

@@ -15,14 +15,16 @@ mod level;
 mod positions;
 
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+use veiloc_geometry::rotation_to_z;
 use veiloc_map::{AlignmentAccuracy, GravityDirection, MapModel};
 
-pub use self::fault::AlignmentFault;
-use self::fit::{Fit, KnownUp, Pair, fit, rotation_to_z};
+use self::fault::Judge;
+pub use self::fault::{AlignmentFault, implausible_metres};
+use self::fit::{Fit, Pair, fit, residual};
 pub use self::gps::gps_positions;
+use self::known::counted;
 pub use self::known::{KnownPosition, KnownPositions};
-use self::known::{counted, spread};
-pub use self::level::{ImagesUp, up_of_images};
+pub use self::level::{ImagesUp, MapUp, up_of_images};
 pub use self::positions::read_positions;
 use crate::compress::refuse_compressed;
 use crate::coordinate_frames::OtherCoordinateFrame;
@@ -53,27 +55,6 @@ pub struct Alignment {
     pub faults: Vec<AlignmentFault>,
 }
 
-/// The up direction of a map, from its gravity or from its images.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MapUp {
-    /// Unit vector in the map.
-    pub direction: Vector3<f64>,
-    /// Standard deviation of each of its two angles, degrees.
-    pub sd_deg: f64,
-}
-
-impl MapUp {
-    /// The opposite of the direction of gravity that a map has, or, for lack of it, of the images; `None` if they do not show
-    /// it.
-    pub fn of(model: &MapModel) -> Option<Self> {
-        if let Some(down) = model.down {
-            return Some(Self { direction: -Vector3::from(down.in_world()), sd_deg: KNOWN_DOWN_SD_DEG });
-        }
-        let found = up_of_images(model).ok()?;
-        Some(Self { direction: found.direction, sd_deg: found.sd_deg })
-    }
-}
-
 /// Fits a similarity to known positions, and judges it.
 ///
 /// `up` is the direction in the map; it is used if gravity is known in the new coordinate frame, too. Then two positions that do
@@ -88,21 +69,8 @@ pub fn align_to_positions(known: &KnownPositions, up: Option<MapUp>) -> Result<A
     let positions = &known.positions;
     let refuse = |reason: String| Err(MappingError::Alignment { reason });
     let up_in_new = known.down.map(|down| -Vector3::from(down.in_world()));
-    let both = up.zip(up_in_new).map(|(up, _)| KnownUp { in_map: up.direction, sd: up.sd_deg.to_radians() });
+    let both = up.filter(|_| up_in_new.is_some());
     let needed = if both.is_some() { 2 } else { 3 };
-    let counted = counted(positions);
-    let count = counted.iter().filter(|counted| **counted).count();
-    if count < needed {
-        let all = positions.len();
-        let found = if count < all {
-            format!("{count} of {all} positions are different")
-        } else {
-            format!("{all} are known")
-        };
-        return refuse(format!(
-            "{needed} different known positions are needed, and more are better; {found}"
-        ));
-    }
     let level = up_in_new.map_or_else(Rotation3::identity, |up| rotation_to_z(&up));
     let pair = |p: &KnownPosition| Pair {
         x: p.in_map,
@@ -110,9 +78,21 @@ pub fn align_to_positions(known: &KnownPositions, up: Option<MapUp>) -> Result<A
         has_height: p.has_height,
         least_sd: p.sd.max(known.grid / 12.0_f64.sqrt()),
     };
-    let kept: Vec<usize> = (0..positions.len()).filter(|&i| counted[i]).collect();
-    let pairs: Vec<Pair> = kept.iter().map(|&i| pair(&positions[i])).collect();
+    let all: Vec<Pair> = positions.iter().map(pair).collect();
     let has_vertical = up_in_new.is_some();
+    let counted = counted(&all, has_vertical);
+    let kept: Vec<usize> = (0..all.len()).filter(|&i| counted[i]).collect();
+    if kept.len() < needed {
+        let found = if kept.len() < all.len() {
+            format!("{} of {} positions are different", kept.len(), all.len())
+        } else {
+            format!("{} are known", all.len())
+        };
+        return refuse(format!(
+            "{needed} different known positions are needed, and more are better; {found}"
+        ));
+    }
+    let pairs: Vec<Pair> = kept.iter().map(|&i| all[i]).collect();
     let Some(found) = fit(&pairs, both, has_vertical) else {
         return refuse(if both.is_some() {
             "the known positions lie above each other, so the direction of north is not determined; add a position beside \
@@ -124,26 +104,18 @@ pub fn align_to_positions(known: &KnownPositions, up: Option<MapUp>) -> Result<A
                 .to_owned()
         });
     };
-    let faults =
-        Judge { known, pairs: &pairs, found: &found, up: both, has_vertical, all: positions.len() }.faults();
+    let faults = Judge { known, pairs: &pairs, found: &found, up: both, has_vertical }.faults();
     let back = level.inverse();
     let new_from_map = Similarity3 {
         scale: found.similarity.scale,
         rotation: back * found.similarity.rotation,
         translation: back * found.similarity.translation,
     };
-    let distance = |p: &KnownPosition| {
-        let mut left = level * (p.known - new_from_map.transform(&p.in_map));
-        if !p.has_height {
-            left.z = 0.0;
-        }
-        left.norm()
-    };
-    let mut used = vec![false; positions.len()];
+    let mut used = vec![false; all.len()];
     kept.iter().zip(&found.used).for_each(|(&i, is_used)| used[i] = *is_used);
     Ok(Alignment {
-        residuals: positions.iter().map(distance).collect(),
-        repeated: positions.len() - count,
+        residuals: all.iter().map(|pair| residual(pair, &found.similarity).norm()).collect(),
+        repeated: all.len() - kept.len(),
         rms: found.rms,
         accuracy: accuracy(known, &pairs, &found, &new_from_map),
         has_heights: known.has_heights
@@ -175,141 +147,6 @@ fn accuracy(
         position: position.sqrt(),
         center: new_from_map.transform(&found.center).into(),
     }
-}
-
-/// A fit and what it is judged by.
-struct Judge<'a> {
-    known: &'a KnownPositions,
-    pairs: &'a [Pair],
-    found: &'a Fit,
-    up: Option<KnownUp>,
-    has_vertical: bool,
-    /// Number of positions, with those that repeat others.
-    all: usize,
-}
-
-impl Judge<'_> {
-    fn faults(&self) -> Vec<AlignmentFault> {
-        let Self { pairs, found, all, .. } = self;
-        let mut faults = Vec::new();
-        let repeated = all - pairs.len();
-        if 2 * repeated > *all {
-            faults.push(AlignmentFault::Repeated { repeated, all: *all });
-        }
-        let used = || pairs.iter().zip(&found.used).filter(|(_, used)| **used).map(|(pair, _)| pair);
-        let count = used().count();
-        if 2 * count < pairs.len() {
-            faults.push(AlignmentFault::FewAgree { used: count, all: pairs.len() });
-        }
-        let share = spread(used().map(|pair| pair.x)) / spread(pairs.iter().map(|pair| pair.x));
-        if share < MIN_PART {
-            faults.push(AlignmentFault::Part { share });
-        }
-        let extent =
-            2.0 * used().map(|pair| pair.y).fold(0.0, |most: f64, y| most.max((y - self.middle()).norm()));
-        if found.rms > MAX_DISTANCES * extent {
-            faults.push(AlignmentFault::Distances { rms: found.rms, extent });
-        }
-        let sd = found.covariance[(0, 0)].sqrt();
-        if sd.is_nan() || sd > MAX_SCALE_SD {
-            faults.push(AlignmentFault::Scale { sd });
-        }
-        faults.extend(self.heights());
-        faults.extend(self.up());
-        faults.extend(self.mirrored());
-        faults.extend(self.shifted());
-        faults
-    }
-
-    fn middle(&self) -> Vector3<f64> {
-        self.found.similarity.transform(&self.found.center)
-    }
-
-    /// Whether the positions by themselves have another up direction than the map.
-    fn up(&self) -> Option<AlignmentFault> {
-        let up = self.up?;
-        let alone = fit(self.pairs, None, self.has_vertical)?;
-        let tilt = |similarity: &Similarity3| (similarity.rotation * up.in_map).angle(&Vector3::z());
-        let sd = (alone.covariance[(1, 1)] + alone.covariance[(2, 2)] + 2.0 * up.sd * up.sd).sqrt();
-        let own = tilt(&alone.similarity);
-        let angle = if own < UP_SDS * sd { tilt(&self.found.similarity) } else { own };
-        let angle_deg = angle.to_degrees();
-        (angle_deg > MAX_UP_DEG).then_some(AlignmentFault::Up { angle_deg })
-    }
-
-    /// Two groups of heights that one offset does not explain.
-    fn heights(&self) -> Option<AlignmentFault> {
-        let similarity = &self.found.similarity;
-        let mut left: Vec<f64> = (self.pairs.iter().filter(|pair| pair.has_height))
-            .map(|pair| pair.y.z - similarity.transform(&pair.x).z)
-            .collect();
-        if !self.has_vertical || left.len() < MIN_HEIGHTS {
-            return None;
-        }
-        left.sort_by(f64::total_cmp);
-        let least = (MIN_GROUP * left.len() as f64).ceil() as usize;
-        let gap = |at: &usize| left[*at] - left[at - 1];
-        let at = (least..=left.len() - least).max_by(|a, b| gap(a).total_cmp(&gap(b)))?;
-        let middle_and_sd = |group: &[f64]| {
-            let middle = group[group.len() / 2];
-            (middle, 1.4826 * median(group.iter().map(|x| (x - middle).abs()).collect()))
-        };
-        let [(low, low_sd), (high, high_sd)] = [middle_and_sd(&left[..at]), middle_and_sd(&left[at..])];
-        let apart = high - low;
-        (gap(&at) > KIND_SDS * low_sd.max(high_sd) && apart > MIN_KINDS_APART * self.size())
-            .then_some(AlignmentFault::Heights { apart })
-    }
-
-    /// Spread of the used positions.
-    fn size(&self) -> f64 {
-        spread(self.pairs.iter().map(|pair| self.found.similarity.transform(&pair.x)))
-    }
-
-    /// Whether other pairs fit much better: with at least as many, at smaller distances.
-    fn better(&self, pairs: &[Pair], up: Option<KnownUp>) -> Option<f64> {
-        let other = fit(pairs, up, self.has_vertical)?;
-        let count = |fit: &Fit| fit.used.iter().filter(|used| **used).count() as f64 / fit.used.len() as f64;
-        let share = (other.rms / other.similarity.scale) / (self.found.rms / self.found.similarity.scale);
-        (share < MUCH_BETTER && count(&other) >= 0.9 * count(self.found)).then_some(share)
-    }
-
-    fn mirrored(&self) -> Option<AlignmentFault> {
-        let mirror = |pair: &Pair| Pair { y: Vector3::new(pair.y.x, -pair.y.y, pair.y.z), ..*pair };
-        let mirrored: Vec<Pair> = self.pairs.iter().map(mirror).collect();
-        Some(AlignmentFault::Mirrored { share: self.better(&mirrored, self.up)? })
-    }
-
-    fn shifted(&self) -> Option<AlignmentFault> {
-        if !self.known.is_list || self.pairs.len() < MIN_SHIFTED {
-            return None;
-        }
-        let by = |lines: isize| {
-            let place = |(i, pair): (usize, &Pair)| {
-                let other = self.pairs.get(i.checked_add_signed(lines)?)?;
-                Some(Pair { y: other.y, has_height: other.has_height, ..*pair })
-            };
-            let shifted: Vec<Pair> = self.pairs.iter().enumerate().filter_map(place).collect();
-            Some(AlignmentFault::Shifted { lines, share: self.better(&shifted, self.up)? })
-        };
-        [1, -1, 2, -2].into_iter().find_map(by)
-    }
-}
-
-/// What speaks against metres: the median distance of what the images see, in the new unit.
-pub fn implausible_metres(model: &MapModel, scale: f64) -> Option<AlignmentFault> {
-    let centers: Vec<Vector3<f64>> =
-        model.images.iter().map(|image| image.cam_from_world.center().coords).collect();
-    let step = model.points.len().div_ceil(MAX_POINTS).max(1);
-    let distances: Vec<f64> = (model.points.iter().step_by(step))
-        .filter_map(|point| {
-            Some((centers.get(point.track.first()?.image as usize)? - point.position.coords).norm())
-        })
-        .collect();
-    if distances.is_empty() {
-        return None;
-    }
-    let distance = scale * median(distances);
-    (!METRES_SEEN.contains(&distance)).then_some(AlignmentFault::Metres { distance })
 }
 
 /// The similarity from a map's coordinate frame to that of another map of the same place, by localizing its images in the other.
@@ -351,31 +188,6 @@ pub fn transform(model: &mut MapModel, new_from_map: &Similarity3) -> Result<(),
     Ok(())
 }
 
-/// Standard deviation of a direction of gravity that a map has: of an AR capture, or of who gave it. Degrees.
-const KNOWN_DOWN_SD_DEG: f64 = 1.0;
-/// Relative standard deviation of the scale from which on it is not to be believed.
-const MAX_SCALE_SD: f64 = 0.05;
-/// Angle between two up directions from which on one of them is wrong, degrees, if it is also this many standard deviations.
-const MAX_UP_DEG: f64 = 10.0;
-const UP_SDS: f64 = 3.0;
-/// Spread of the positions that agree, of that of all.
-const MIN_PART: f64 = 1.0 / 3.0;
-/// Root mean square distance, of the extent.
-const MAX_DISTANCES: f64 = 0.05;
-/// Share of the distances of a fit that is much better.
-const MUCH_BETTER: f64 = 0.5;
-/// Fewest positions of a list that may be shifted.
-const MIN_SHIFTED: usize = 8;
-/// Heights of two kinds: fewest heights, smallest group, gap in standard deviations, and distance in spreads of the positions.
-const MIN_HEIGHTS: usize = 8;
-const MIN_GROUP: f64 = 0.2;
-const KIND_SDS: f64 = 4.0;
-const MIN_KINDS_APART: f64 = 0.5;
-/// Median distances, metres, at which images show something: from a table top to a valley seen from a drone.
-const METRES_SEEN: std::ops::RangeInclusive<f64> = 0.05..=500.0;
-/// Points whose distances are looked at.
-const MAX_POINTS: usize = 5000;
-
 #[cfg(test)]
 mod tests {
     use rand::{Rng, SeedableRng};
@@ -391,7 +203,7 @@ mod tests {
         }
     }
 
-    /// In a frame whose axes are those of nobody.
+    /// In a frame of which no axis is up.
     fn known(count: usize, wrong: usize, noise: f64) -> KnownPositions {
         let of = |i: usize| {
             let a = i as f64;
@@ -440,7 +252,7 @@ mod tests {
         let error = align_to_positions(&line, None).expect_err("refused").to_string();
         assert!(error.contains("on a line"), "{error}");
         // With gravity on both sides they are enough.
-        let level = KnownPositions { down: GravityDirection::new([0.0, 0.0, -1.0]).ok(), ..line };
+        let level = KnownPositions { down: Some(GravityDirection::MINUS_Z), ..line };
         let up = MapUp { direction: Vector3::z(), sd_deg: 1.0 };
         let found = align_to_positions(&level, Some(up)).expect("an alignment");
         assert!((found.new_from_map.scale - 1.0).abs() < 1e-9 && found.faults.is_empty(), "{found:?}");
@@ -485,7 +297,7 @@ mod tests {
             }
             KnownPositions {
                 positions,
-                down: GravityDirection::new([0.0, 0.0, -1.0]).ok(),
+                down: Some(GravityDirection::MINUS_Z),
                 has_heights: true,
                 is_metric: true,
                 ..KnownPositions::default()

@@ -73,7 +73,7 @@ pub fn read_positions(path: &Path, model: &MapModel) -> Result<KnownPositions, M
     });
     Ok(KnownPositions {
         positions,
-        down: GravityDirection::new([0.0, 0.0, -1.0]).ok(),
+        down: Some(GravityDirection::MINUS_Z),
         has_heights: true,
         grid: grid_step(&numbers, &GRIDS),
         is_list: true,

@@ -2,6 +2,7 @@
 
 pub(crate) mod bad_image;
 pub(crate) mod cache;
+pub(crate) mod exif;
 pub(crate) mod image_names;
 pub(crate) mod options;
 

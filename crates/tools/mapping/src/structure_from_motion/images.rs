@@ -4,13 +4,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::Path;
 
-use exif::{In, Reader, Tag};
+use exif::{In, Tag};
 use rayon::prelude::*;
 use veiloc_features::Image;
 
 use crate::error::MappingError;
 use crate::importers::poses::image_names;
 use crate::input::bad_image::{BadImage, BadReason};
+use crate::input::exif::exif_of;
 use crate::input::image_names::image_file;
 
 /// The photographs in a folder and its folders, sorted, and what was left out with the reason: files that programs put beside
@@ -18,34 +19,28 @@ use crate::input::image_names::image_file;
 pub(super) fn all_of(folder: &Path) -> Result<(Vec<String>, BTreeMap<LeftOut, usize>), MappingError> {
     folder.read_dir().map_err(MappingError::io(folder))?;
     let all = image_names(folder);
-    let parts = |name: &str| name.split('/').map(str::to_owned).collect::<Vec<_>>();
-    let beside: BTreeSet<Vec<String>> =
-        all.iter().map(|name| parts(name)[..parts(name).len() - 1].to_vec()).collect();
+    let folders: BTreeSet<&Path> = all.iter().filter_map(|name| Path::new(name).parent()).collect();
     let (mut kept, mut left_out) = (Vec::new(), BTreeMap::new());
-    for name in all {
-        let folders = &parts(&name)[..parts(&name).len() - 1];
-        let reason = folders
-            .iter()
-            .enumerate()
-            .find_map(|(at, part)| LeftOut::of_folder(part, &folders[..at], &beside));
+    for name in &all {
+        let reason = Path::new(name).ancestors().skip(1).find_map(|of| LeftOut::of_folder(of, &folders));
         match reason {
             Some(reason) => *left_out.entry(reason).or_default() += 1,
-            None => kept.push(name),
+            None => kept.push(name.clone()),
         }
     }
-    // Previews, of which no folder says so.
-    let longer = |name: &String| image::image_dimensions(folder.join(name)).map_or(0, |(w, h)| w.max(h));
-    let mut sides: Vec<u32> = kept.iter().map(longer).filter(|side| *side > 0).collect();
-    sides.sort_unstable();
-    if let Some(middle) = sides.get(sides.len() / 2) {
-        let before = kept.len();
-        kept.retain(|name| {
-            let side = longer(name);
-            side == 0 || PREVIEW * side >= *middle
-        });
-        if kept.len() < before {
-            left_out.insert(LeftOut::Preview, before - kept.len());
+    // Previews, of which no folder says so. What cannot be read is not judged here.
+    let longer = |name: &String| image::image_dimensions(folder.join(name)).ok().map(|(w, h)| w.max(h));
+    let sides: Vec<Option<u32>> = kept.iter().map(longer).collect();
+    let mut known: Vec<u32> = sides.iter().copied().flatten().collect();
+    known.sort_unstable();
+    if let Some(middle) = known.get(known.len() / 2) {
+        let is_preview = |side: &Option<u32>| side.is_some_and(|side| PREVIEW * side < *middle);
+        let previews = sides.iter().filter(|side| is_preview(side)).count();
+        if previews > 0 {
+            left_out.insert(LeftOut::Preview, previews);
         }
+        let mut sides = sides.iter();
+        kept.retain(|_| !sides.next().is_some_and(is_preview));
     }
     Ok((kept, left_out))
 }
@@ -67,7 +62,8 @@ pub enum LeftOut {
 }
 
 impl LeftOut {
-    fn of_folder(name: &str, parent: &[String], beside: &BTreeSet<Vec<String>>) -> Option<Self> {
+    fn of_folder(folder: &Path, all: &BTreeSet<&Path>) -> Option<Self> {
+        let name = folder.file_name()?.to_str()?;
         let plain = name.to_ascii_lowercase();
         if ["mask", "masks", "segmentation"].contains(&plain.as_str()) {
             return Some(Self::Mask);
@@ -75,10 +71,9 @@ impl LeftOut {
         if ["@eadir", "thumbnails", "thumbs", "previews", "__macosx"].contains(&plain.as_str()) {
             return Some(Self::PreviewFolder);
         }
-        let (stem, number) = name.rsplit_once('_')?;
-        let original = [parent, &[stem.to_owned()]].concat();
-        let is_copy = number.parse::<u8>().is_ok_and(|by| by.is_power_of_two()) && beside.contains(&original);
-        is_copy.then_some(Self::SmallerCopy)
+        let (original, number) = name.rsplit_once('_')?;
+        let is_copy = number.parse::<u8>().is_ok_and(u8::is_power_of_two);
+        (is_copy && all.contains(&*folder.with_file_name(original))).then_some(Self::SmallerCopy)
     }
 }
 
@@ -109,12 +104,7 @@ pub(super) fn by_camera(folder: &Path, names: &[String]) -> Vec<Vec<String>> {
 
 /// What EXIF says about the lens of an image.
 fn lens_of(path: &Path) -> Vec<String> {
-    let Ok(file) = std::fs::File::open(path) else { return Vec::new() };
-    let exif = Reader::new()
-        .continue_on_error(true)
-        .read_from_container(&mut std::io::BufReader::new(file))
-        .or_else(|error| error.distill_partial_result(|_| {}));
-    let Ok(exif) = exif else { return Vec::new() };
+    let Some(exif) = exif_of(path) else { return Vec::new() };
     [
         Tag::Make,
         Tag::Model,
