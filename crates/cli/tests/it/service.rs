@@ -272,6 +272,11 @@ fn tls_and_tokens() {
         assert!(!run.stderr.contains("phone-token"), "{run}");
     }
     assert!(!service.log().contains("phone-token"));
+    // A service without TLS at an address that asks for it.
+    let plain = Service::start(scene, "--map place=place.vmap");
+    let url = format!("https://localhost:{}", plain.address.port());
+    let run = scene.run(&format!("{} --retries 0", send("query-0.png", &url)));
+    assert!(run.code == Some(1) && run.stderr.contains("answers plain HTTP on this port"), "{run}");
     // The certificate that `openssl req -x509` makes without further options; the remedy is the operator's.
     let service = Service::start(
         scene,

@@ -108,6 +108,10 @@ pub(super) fn failure(error: ClientError) -> Failure {
             "the service shows a certificate of an authority, as `openssl req -x509` makes it by default; its operator \
              makes one of a host with `-addext basicConstraints=critical,CA:FALSE` (docs/guide/service.md)"
         }
+        ClientError::Network { reason, .. } if reason.contains("InvalidContentType") => {
+            "the service answers plain HTTP on this port: give the address of its TLS port, or http:// with --insecure-http if the \
+             network path is secure"
+        }
         ClientError::Network { .. } => {
             "check the address and that the service runs; for a self-signed certificate give --ca"
         }

@@ -1,4 +1,4 @@
-//! The end of validity of a certificate: the only X.509 field that the server needs.
+//! Validity and names of a certificate: the only X.509 fields that the server needs.
 //!
 //! `Certificate ::= SEQUENCE { tbs SEQUENCE { [0] version OPTIONAL, serial, signature, issuer, validity SEQUENCE {
 //! notBefore, notAfter }, … } … }` (RFC 5280, 4.1); times are `UTCTime` or `GeneralizedTime`, always in UTC and with
@@ -6,19 +6,40 @@
 
 use crate::auth::Timestamp;
 
-/// End of validity, seconds since 1970; `None` if the bytes are not a certificate.
-pub(crate) fn not_after(der: &[u8]) -> Option<i64> {
+/// What the server reads of a certificate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Certificate<'a> {
+    /// Begin of validity, seconds since 1970.
+    pub(crate) begins: i64,
+    /// End of validity, seconds since 1970.
+    pub(crate) ends: i64,
+    /// Name of the issuer, encoded.
+    pub(crate) issuer: &'a [u8],
+    /// Its own name, encoded.
+    pub(crate) subject: &'a [u8],
+}
+
+/// Reads a certificate; `None` if the bytes are none.
+pub(crate) fn certificate(der: &[u8]) -> Option<Certificate<'_>> {
     let (_, certificate, _) = element(der, SEQUENCE)?;
     let (_, mut fields, _) = element(certificate, SEQUENCE)?;
     if let Some((_, _, rest)) = element(fields, VERSION) {
         fields = rest;
     }
-    for kind in [INTEGER, SEQUENCE, SEQUENCE] {
+    for kind in [INTEGER, SEQUENCE] {
         fields = element(fields, kind)?.2;
     }
-    let (_, validity, _) = element(fields, SEQUENCE)?;
-    let (_, _, rest) = any(validity)?;
+    let (_, issuer, fields) = element(fields, SEQUENCE)?;
+    let (_, validity, fields) = element(fields, SEQUENCE)?;
+    let (_, subject, _) = element(fields, SEQUENCE)?;
+    let (kind, text, rest) = any(validity)?;
+    let begins = time(kind, text)?;
     let (kind, text, _) = any(rest)?;
+    Some(Certificate { begins, ends: time(kind, text)?, issuer, subject })
+}
+
+/// A time, seconds since 1970.
+fn time(kind: u8, text: &[u8]) -> Option<i64> {
     let digits = std::str::from_utf8(text.strip_suffix(b"Z")?).ok()?;
     let (year, rest) = match kind {
         UTC_TIME => {
@@ -78,19 +99,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn not_after_reads_certificates_and_accepts_any_bytes() {
+    fn certificates_are_read_and_any_bytes_are_accepted() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../server/service/tests/data/cert.pem");
         let der = CertificateDer::from_pem_file(path).expect("a certificate");
-        // `openssl x509 -enddate -noout -in cert.pem`
-        assert_eq!(not_after(&der), Some(4_948_872_643));
+        // `openssl x509 -dates -noout -in cert.pem`; it is its own issuer.
+        let read = certificate(&der).expect("a certificate");
+        assert_eq!((read.begins, read.ends), (4_948_872_643 - 36_500 * 86_400, 4_948_872_643));
+        assert_eq!(read.issuer, read.subject);
         for length in 0..der.len() {
-            not_after(&der[..length]);
+            certificate(&der[..length]);
         }
         let mut broken = der.to_vec();
         for at in 0..broken.len().min(300) {
             for value in [0, 0x7F, 0x80, 0x84, 0xFF] {
                 let original = std::mem::replace(&mut broken[at], value);
-                not_after(&broken);
+                certificate(&broken);
                 broken[at] = original;
             }
         }

@@ -30,4 +30,4 @@ pub use attempts::ReloadAttempts;
 pub use connection::{ConnectionTimeouts, serve_connection};
 pub use listener::Listener;
 pub use stream::{PeerWatch, SharedStream, Stream};
-pub use tls::{Tls, TlsError, TlsFiles};
+pub use tls::{Tls, TlsError, TlsFiles, Validity};

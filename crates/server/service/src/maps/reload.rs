@@ -10,6 +10,7 @@ use std::time::{Instant, SystemTime};
 use crate::auth::Timestamp;
 use crate::auth::tokens::Callers;
 use crate::auth::tokens_file::TokensCheck;
+use crate::http::Validity;
 use crate::maps::{FolderChange, MapSlot};
 use crate::serve::state::App;
 
@@ -51,9 +52,13 @@ impl App {
                 }
             }
             self.metrics.reload_failing("certificate", "", tls.is_failing());
-            match tls.expiry_warning_days(Timestamp::of(SystemTime::now()).unix()) {
-                Some(days) if days < 0 => tracing::error!(days = -days, "the certificate has expired"),
-                Some(days) => tracing::warn!(days, "the certificate expires soon"),
+            match tls.validity_warning(Timestamp::of(SystemTime::now()).unix()) {
+                Some(Validity::NotYet { seconds }) => tracing::error!(
+                    seconds,
+                    "the certificate is not valid yet: clients refuse it, or the clock of this machine is behind"
+                ),
+                Some(Validity::Expired { days }) => tracing::error!(days, "the certificate has expired"),
+                Some(Validity::ExpiresSoon { days }) => tracing::warn!(days, "the certificate expires soon"),
                 None => {}
             }
             self.metrics.certificate_ends(tls.ends());
