@@ -80,6 +80,12 @@ pub enum MappingError {
         /// Its name.
         name: String,
     },
+    /// Both maps of a merge have an image of this name.
+    #[error("both maps have an image {name}; give a prefix for the names of the second one")]
+    NameInBothMaps {
+        /// Its name.
+        name: String,
+    },
     /// No image would be left to train a vocabulary on.
     #[error("no image would remain to train a vocabulary on; delete the map instead")]
     NothingLeft,

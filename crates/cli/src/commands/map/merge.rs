@@ -8,6 +8,7 @@ use veiloc_mapping::{MapWarning, merge};
 use super::alignment::AlignmentInfo;
 use super::edit::MapEdit;
 use super::facts::InfoOutput;
+use super::remedy::with_remedy;
 use super::self_test::FinishArgs;
 use crate::output::exit::{Failure, Outcome};
 use crate::output::position::unit_of;
@@ -48,12 +49,19 @@ pub(super) fn run(args: &MergeArgs, ui: &Ui) -> Outcome {
     let edit = MapEdit::begin(&args.map, args.out.as_deref(), ui)?;
     let mut model = edit.read()?;
     let other = MapFile::open(&args.other)?.to_model();
-    let mut report = merge(&mut model, &other, &args.prefix, &Stages::new(ui))?;
+    let mut report = merge(&mut model, &other, &args.prefix, &Stages::new(ui)).map_err(with_remedy)?;
     let loose = report.build.warnings.iter().find(|warning| matches!(warning, MapWarning::LooseMerge { .. }));
     if let Some(loose) = loose.filter(|_| !args.keep_loose) {
         return Err(Failure::with_help(
             format!("{}: {}\n{loose}", args.other.display(), report.coordinate_frame),
             "merge them nevertheless with --keep-loose",
+        ));
+    }
+    if other.is_metric && !model.is_metric {
+        ui.warn(format_args!(
+            "warning: {} is in metres and {} is not, whose coordinate frame stays; give them in the other order to keep metres",
+            args.other.display(),
+            args.map.display()
         ));
     }
     args.finish.finish(&mut model, &mut report.build.warnings, edit.out, ui)?;

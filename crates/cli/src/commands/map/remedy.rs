@@ -22,6 +22,9 @@ pub(super) fn with_remedy(error: MappingError) -> Failure {
             "repair them, remove them from the list, or leave them out with --skip-bad",
         ),
         MappingError::OtherCoordinateFrame { .. } => Failure::with_help(error, REMEDY),
+        MappingError::NameInBothMaps { .. } => {
+            Failure::with_help(error, "give one with --prefix, for example day-2/")
+        }
         MappingError::PosesDisagree { .. } => Failure::with_help(error, REMEDY_OF_LOOK_ALIKES),
         error => error.into(),
     }

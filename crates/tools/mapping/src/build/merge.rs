@@ -33,7 +33,7 @@ pub struct MergeReport {
 ///
 /// # Errors
 /// [`MappingError::Alignment`]: the maps have another kind of descriptors, fewer than three images of the one are localized in
-/// the other, or the images do not agree on one similarity. [`MappingError::DuplicateName`]: both maps have an image of
+/// the other, or the images do not agree on one similarity. [`MappingError::NameInBothMaps`]: both maps have an image of
 /// one name.
 pub fn merge(
     model: &mut MapModel,
@@ -48,7 +48,7 @@ pub fn merge(
     let prefixed = |name: &str| format!("{prefix}{name}");
     if let Some(twice) = other.images.iter().find(|image| model.image_index(&prefixed(&image.name)).is_some())
     {
-        return Err(MappingError::DuplicateName { name: prefixed(&twice.name) });
+        return Err(MappingError::NameInBothMaps { name: prefixed(&twice.name) });
     }
     let frame = common_coordinate_frame(other, model, MAX_TESTED, progress)?;
     let inverse = common_coordinate_frame(model, other, MAX_TESTED, progress).ok();
