@@ -71,7 +71,18 @@ def test_frames_of_a_video_are_written(tmp_path):
         return subprocess.run([sys.executable, SCRIPT], input=task, capture_output=True, text=True)
 
     last = json.loads(run(walk).stdout.splitlines()[-1])
+    assert last["fault"] == ""
     assert last["of"] == 60 and len(last["frames"]) > 6
     assert [path.name for path in sorted((tmp_path / "frames").iterdir())] == [f"{i + 1:06}.jpg" for i in range(len(last["frames"]))]
+    # A copy that ends early, with its index at the start: the frames that are there are used, and the fault is named. A % in the path
+    # is no pattern.
+    fast = tmp_path / "fast.mp4"
+    subprocess.run([ffmpeg, "-v", "error", "-i", walk, "-c", "copy", "-movflags", "+faststart", fast], check=True)
+    fast.write_bytes(fast.read_bytes()[: fast.stat().st_size * 7 // 10])
+    task = json.dumps({"video": str(fast), "folder": str(tmp_path / "100%d done")})
+    cut = subprocess.run([sys.executable, SCRIPT], input=task, capture_output=True, text=True)
+    last = json.loads(cut.stdout.splitlines()[-1])
+    assert last["of"] < 60 and last["fault"], cut
+    assert len(list((tmp_path / "100%d done").iterdir())) == len(last["frames"]) > 3
     walk.write_bytes(walk.read_bytes()[:500])
     assert run(walk).returncode != 0

@@ -5,13 +5,15 @@ its sharpest, a fast one many. Of the frames within that range the sharpest is k
 a small grey image; it counts rotations, too, because frames must overlap to be matched.
 
 Input: video (file), folder (of the frames: 000001.jpg, …). Output lines: {"stage": name, "total": 0}, {"done": n}, and at last
-{"frames": [their numbers in the video, from 0], "of": n}. Needs NumPy, and ffmpeg of the PATH or of the package imageio-ffmpeg.
+{"frames": [their numbers in the video, from 0], "of": n, "fault": what ffmpeg says about damage, or ""}. Needs NumPy, and ffmpeg of the PATH or of the package imageio-ffmpeg.
 """
 
 import json
+import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -125,11 +127,12 @@ def find_ffmpeg():
     return imageio_ffmpeg.get_ffmpeg_exe()
 
 
-def frames(ffmpeg, video):
-    """Each frame as a small grey image. ffmpeg writes binary PGM files, one after another; it turns frames as the file says."""
+def frames(ffmpeg, video, log):
+    """Each frame as a small grey image. ffmpeg writes binary PGM files, one after another; it turns frames as the file says, and it
+    goes on after damage, which is in its log."""
     command = [ffmpeg, "-nostdin", "-v", "error", "-i", video, "-an", "-fps_mode", "passthrough", "-vf", f"scale={WIDTH}:-2",
                "-pix_fmt", "gray", "-f", "image2pipe", "-c:v", "pgm", "-"]  # fmt: skip
-    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log) as process:
         while line := process.stdout.readline():
             size = process.stdout.readline().split() if line == b"P5\n" else []
             if len(size) != 2 or process.stdout.readline() != b"255\n":
@@ -140,35 +143,47 @@ def frames(ffmpeg, video):
                 break
             yield np.frombuffer(pixels, np.uint8).reshape(height, width)
     if process.returncode:
-        sys.exit(f"ffmpeg cannot decode it ({process.returncode})")
+        sys.exit(f"ffmpeg cannot decode it ({process.returncode}): {said(log)}")
+
+
+def said(log):
+    """The first line of a log of ffmpeg, without the addresses in it."""
+    log.seek(0)
+    lines = [re.sub(r"^\[[^]]*\] *", "", line.strip()) for line in log.read().decode(errors="replace").splitlines()]
+    return next((line for line in lines if line), "")
 
 
 def extract(ffmpeg, video, kept, folder):
     """Writes the frames of these numbers as JPEG files."""
     for start in range(0, len(kept), NUMBERS):
         chosen = "+".join(rf"eq(n\,{number})" for number in kept[start : start + NUMBERS])
-        subprocess.run(
+        done = subprocess.run(
             [ffmpeg, "-nostdin", "-v", "error", "-y", "-i", video, "-an", "-fps_mode", "passthrough", "-vf", f"select='{chosen}'",
-             "-q:v", "2", "-start_number", str(start + 1), folder / "%06d.jpg"], check=True)  # fmt: skip
+             "-q:v", "2", "-start_number", str(start + 1), f"{str(folder).replace('%', '%%')}/%06d.jpg"], capture_output=True, text=True, check=False)  # fmt: skip
+        if done.returncode:
+            sys.exit(f"ffmpeg cannot write the frames: {done.stderr.strip()}")
 
 
 def main():
     task = json.load(sys.stdin)
     ffmpeg, chooser = find_ffmpeg(), Chooser()
     print(json.dumps({"stage": "frames of the video", "total": 0}), flush=True)
-    for frame in frames(ffmpeg, task["video"]):
-        chooser.push(frame)
-        print(json.dumps({"done": chooser.count}), flush=True)
+    with tempfile.TemporaryFile() as log:
+        for frame in frames(ffmpeg, task["video"], log):
+            chooser.push(frame)
+            print(json.dumps({"done": chooser.count}), flush=True)
+        fault = said(log)
     kept = chooser.finish()
     if len(kept) < 3:
-        sys.exit(f"its {chooser.count} frames show fewer than three different views; move through the place")
+        damage = f" (ffmpeg: {fault})" if fault else ""
+        sys.exit(f"its {chooser.count} frames show fewer than three different views{damage}; move through the place")
     folder = Path(task["folder"])
     folder.mkdir(parents=True, exist_ok=True)
     # Only what an earlier run wrote: the folder may be one of the user's.
     for name in folder.glob("[0-9]" * 6 + ".jpg"):
         name.unlink()
     extract(ffmpeg, task["video"], kept, folder)
-    print(json.dumps({"frames": kept, "of": chooser.count}), flush=True)
+    print(json.dumps({"frames": kept, "of": chooser.count, "fault": fault}), flush=True)
 
 
 if __name__ == "__main__":

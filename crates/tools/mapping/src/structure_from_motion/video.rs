@@ -31,6 +31,8 @@ pub struct VideoFrames {
     pub names: Vec<String>,
     /// Number of frames of the video; `None` if the frames are of an earlier run.
     pub of: Option<usize>,
+    /// What ffmpeg says about damage of the video, such as a missing end: frames behind it are not there.
+    pub fault: Option<String>,
 }
 
 /// Decodes a video with ffmpeg and keeps the frames that structure from motion needs, in the folder `frames` of `work`. Frames that an
@@ -60,9 +62,14 @@ pub fn frames_of_video(
         if names.iter().all(|name| folder.join(name).is_file()) { names } else { Vec::new() }
     };
     let known = fs::read_to_string(&record).ok().and_then(|text| serde_json::from_str::<Value>(&text).ok());
-    let names_of_known = known.filter(|known| known.get("video") == Some(&file)).map(|known| names(&known));
-    if let Some(names) = names_of_known.filter(|names| !names.is_empty()) {
-        return Ok(VideoFrames { folder, names, of: None });
+    let fault = |document: &Value| {
+        document.get("fault").and_then(Value::as_str).filter(|fault| !fault.is_empty()).map(str::to_owned)
+    };
+    if let Some(known) = known.filter(|known| known.get("video") == Some(&file)) {
+        let names = names(&known);
+        if !names.is_empty() {
+            return Ok(VideoFrames { folder, names, of: None, fault: fault(&known) });
+        }
     }
     match fs::remove_file(&record) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
@@ -85,7 +92,8 @@ pub fn frames_of_video(
     if names.is_empty() {
         return Err(faulty("ffmpeg wrote fewer frames than were chosen".to_owned()));
     }
-    let text = json!({ "video": file, "frames": kept.get("frames") }).to_string();
+    let text = json!({ "video": file, "frames": kept.get("frames"), "fault": kept.get("fault") }).to_string();
     write_atomic(&record, text.as_bytes()).map_err(MappingError::io(&record))?;
-    Ok(VideoFrames { folder, names, of: kept.get("of").and_then(Value::as_u64).map(|n| n as usize) })
+    let of = kept.get("of").and_then(Value::as_u64).map(|n| n as usize);
+    Ok(VideoFrames { folder, names, of, fault: fault(&kept) })
 }
