@@ -9,6 +9,8 @@ import path from "node:path";
 import { fileURLToPath } from "node:url";
 import { parseArgs } from "node:util";
 
+import { exifSegment } from "./exif.mjs";
+
 export const root = fileURLToPath(new URL("../..", import.meta.url));
 
 const { values: given } = parseArgs({
@@ -115,6 +117,16 @@ export async function recordingProxy(service, seen, files = () => null) {
   return `http://127.0.0.1:${proxy.address().port}/`;
 }
 
+/** In the page: the size of the bitmap of a JPEG of 64 x 48 pixels with this segment. */
+async function storedSize(segment) {
+  const { storedBitmap } = await import("/page/index.js");
+  const canvas = new OffscreenCanvas(64, 48);
+  canvas.getContext("2d").fillRect(8, 8, 20, 10);
+  const jpeg = new Uint8Array(await (await canvas.convertToBlob({ type: "image/jpeg" })).arrayBuffer());
+  const { width, height } = await storedBitmap(new Blob([jpeg.subarray(0, 2), Uint8Array.from(segment), jpeg.subarray(2)], { type: "image/jpeg" }));
+  return { width, height };
+}
+
 /** In the page: seals a view six times with given random bytes; returns the hash of the bytes, and milliseconds of the fastest run. */
 async function sealInPage({ view, seed }) {
   const { Core } = await import("/page/core.js");
@@ -123,7 +135,8 @@ async function sealInPage({ view, seed }) {
   const { head: stored } = core.call({ op: "profile" }, profile);
   const { sealer } = core.call({ op: "sealer", profile: stored.profile }, new Uint8Array()).head;
   const blob = await (await fetch(`/page/${view.file}`)).blob();
-  const bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+  const { storedBitmap } = await import("/page/index.js");
+  const bitmap = await storedBitmap(blob);
   const { width, height } = bitmap;
   const context = new OffscreenCanvas(width, height).getContext("2d");
   context.drawImage(bitmap, 0, 0);
@@ -150,6 +163,9 @@ export async function onlySeals(page, views, profile) {
 
 /** Checks that browser and native program seal views to the same bytes; returns the median ratio of their times. */
 export async function sealsAreEqual(page, views, profile) {
+  console.log("== a photograph that is stored turned");
+  const size = await page.evaluate(storedSize, exifSegment(26, 6));
+  check("the EXIF orientation is not applied", size.width === 64 && size.height === 48, `${size.width} x ${size.height}`);
   console.log("== seals of the browser and of the native program");
   const ratios = [];
   for (const [index, view] of views.entries()) {

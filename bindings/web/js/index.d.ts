@@ -83,6 +83,12 @@ export interface Device {
   close(): void;
 }
 
+/**
+ * The pixels of an image as they are stored, without colour conversion: the EXIF orientation is not applied, and the pose is that of the
+ * stored image.
+ */
+export function storedBitmap(image: ImageBitmapSource): Promise<ImageBitmap>;
+
 /** Seals images for the map: `extract`, then `seal`. */
 export interface Sealer {
   /** Extracts the features of an image; they stay in the worker. Throws `VeilocError`: `image`, `camera`, `option`. */

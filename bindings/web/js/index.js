@@ -260,7 +260,15 @@ class Sealed {
   }
 }
 
-/** Arguments of the worker's `extract`: pixels unchanged, every other image as a bitmap without colour conversion. */
+/**
+ * The pixels of an image as they are stored, without colour conversion: the EXIF orientation is not applied, as in all of veiloc, so
+ * that all photographs of a phone have one camera.
+ */
+export function storedBitmap(image) {
+  return createImageBitmap(image, { colorSpaceConversion: "none", premultiplyAlpha: "none", imageOrientation: "none" });
+}
+
+/** Arguments of the worker's `extract`: pixels unchanged, every other image as a bitmap. */
 async function imageArguments(head, image) {
   if (image?.data instanceof Uint8ClampedArray || image?.data instanceof Uint8Array) {
     const { width, height, data } = image;
@@ -268,7 +276,7 @@ async function imageArguments(head, image) {
   }
   let bitmap;
   try {
-    bitmap = await createImageBitmap(image, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+    bitmap = await storedBitmap(image);
   } catch (error) {
     throw new VeilocError("image", `the browser cannot read this image: ${error.message}`);
   }

@@ -3,7 +3,7 @@
 // Nothing of an image is sent before the user presses "Find me" or "Follow me"; until then images are sealed for display only. All
 // sent queries belong to one session, so that a keypoint seen again is sent with the same anchor.
 
-import { Client, VeilocError, load, watchOrientation } from "./index.js";
+import { Client, VeilocError, load, storedBitmap, watchOrientation } from "./index.js";
 import { clear, drawAttackResult, drawLeaves, drawStays } from "./figures.js";
 import { MapView } from "./map_view.js";
 
@@ -196,7 +196,7 @@ const sessions = () => el("scheme").value.startsWith("dcl");
 async function grab() {
   const { source } = now;
   if (source.kind !== "camera") return source.bitmap;
-  return createImageBitmap(el("video"), { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+  return storedBitmap(el("video"));
 }
 
 /** Seals the current image: in the session, to be sent; or without it, for display only. */
@@ -332,7 +332,7 @@ async function useCamera() {
 
 async function useImage(blob, view = null) {
   try {
-    const bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+    const bitmap = await storedBitmap(blob);
     stop();
     el("camera").textContent = "Use the camera";
     now.source = { kind: "image", bitmap, file: blob, camera: view?.camera };

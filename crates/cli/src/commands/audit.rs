@@ -32,7 +32,7 @@ use inputs::Inputs;
 /// the positions of their keypoints: keep it as private as the images.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Images (JPEG or PNG), folders of images, and files of keypoints (.jsonl, .jsonl.gz). Keypoints are drawn over
+    /// Images (JPEG, PNG, WebP, HEIC), folders of images, and files of keypoints (.jsonl, .jsonl.gz). Keypoints are drawn over
     /// the image of the same name, which may be given or lie beside the file. `--synthetic N` without inputs attacks
     /// only the synthetic scene.
     #[arg(required_unless_present = "synthetic", value_name = "IMAGE|FOLDER|KEYPOINTS")]

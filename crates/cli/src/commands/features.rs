@@ -19,7 +19,7 @@ use crate::output::ui::Ui;
 /// the images.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Images, JPEG or PNG, or folders with all images in them and their sub-folders.
+    /// Images (JPEG, PNG, WebP, HEIC), or folders with all images in them and their sub-folders.
     #[arg(required = true, value_name = "IMAGE|FOLDER")]
     images: Vec<PathBuf>,
     /// Names of the images, one per line, relative to the one given folder; cameras after the names are ignored.

@@ -11,7 +11,7 @@ use crate::output::items::{InputError, InputErrorKind};
 /// Parts of an image of which no feature is sent.
 #[derive(clap::Args)]
 pub(crate) struct MaskArgs {
-    /// Hide what is black in this image (darker than half), JPEG or PNG, of the size of the sealed image: no feature is
+    /// Hide what is black in this image (darker than half), of the size of the sealed image: no feature is
     /// extracted from it, and no keypoint is sent whose descriptor covers it. White may be sent, as in COLMAP's masks.
     /// Default: nothing is hidden.
     #[arg(long, value_name = "IMAGE")]

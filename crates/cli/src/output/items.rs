@@ -9,6 +9,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use veiloc_features::{IMAGE_EXTENSIONS, IMAGE_FORMATS};
 use veiloc_mapping::image_file;
 
 use crate::output::exit::{Exit, Failure, Outcome, remedy_of_io};
@@ -24,10 +25,8 @@ pub(crate) struct InputKind {
 }
 
 /// Extensions of images that are not read, lower case, and the name of their format.
-const UNREAD_FORMATS: [(&str, &str); 9] = [
-    ("heic", "HEIC"),
-    ("heif", "HEIC"),
-    ("webp", "WebP"),
+const UNREAD_FORMATS: [(&str, &str); 7] = [
+    ("jxl", "JPEG XL"),
     ("tif", "TIFF"),
     ("tiff", "TIFF"),
     ("avif", "AVIF"),
@@ -37,7 +36,8 @@ const UNREAD_FORMATS: [(&str, &str); 9] = [
 ];
 
 /// Images in the supported formats.
-pub(crate) const IMAGES: InputKind = InputKind { what: "JPEG or PNG file", endings: &["jpg", "jpeg", "png"] };
+pub(crate) const IMAGES: InputKind =
+    InputKind { what: "JPEG, PNG, WebP or HEIC file", endings: IMAGE_EXTENSIONS };
 /// The output of `veiloc seal`.
 pub(crate) const SEALED: InputKind = InputKind { what: "sealed query (.vquery)", endings: &["vquery"] };
 
@@ -183,7 +183,7 @@ pub(crate) fn expand_images(given: &[PathBuf], ui: &Ui) -> Vec<Item> {
         let is_empty = items.iter().any(|item| item.path == *folder && item.fault.is_some());
         if let Some(unread) = unread_images(folder).filter(|_| !is_empty) {
             ui.warn(format_args!(
-                "{}: {unread} left out, because only JPEG and PNG are read; convert them to JPEG or PNG",
+                "{}: {unread} left out, because only {IMAGE_FORMATS} is read; convert them to JPEG or PNG",
                 folder.display()
             ));
         }
@@ -192,7 +192,7 @@ pub(crate) fn expand_images(given: &[PathBuf], ui: &Ui) -> Vec<Item> {
 }
 
 /// Counts the images in a folder and its sub-folders that are not read because of their format, for example
-/// `3 HEIC files and 1 WebP file`; `None` without any.
+/// `3 TIFF files and 1 AVIF file`; `None` without any.
 fn unread_images(folder: &Path) -> Option<String> {
     let endings = UNREAD_FORMATS.map(|(ending, _)| ending);
     let mut found = Vec::new();
@@ -473,19 +473,19 @@ mod tests {
         let Err(Failure::Refused { report }) = refuse_bad(&items) else { panic!("two are bad") };
         let message = format!("{report:?}");
         assert!(
-            message.contains("2 of 3") && message.contains("b.jpg") && message.contains("no JPEG or PNG"),
+            message.contains("2 of 3") && message.contains("b.jpg") && message.contains("no JPEG, PNG"),
             "{message}"
         );
     }
 
     #[test]
     fn images_of_other_formats_are_counted() {
-        let folder = tree(&["a.jpg", "b.HEIC", "sub/c.heif", "sub/d.webp", "notes.txt", ".thumbs/e.webp"]);
-        assert_eq!(unread_images(folder.path()).as_deref(), Some("2 HEIC files and 1 WebP file"));
-        let folder = tree(&["a.heic"]);
+        let folder = tree(&["a.jpg", "b.TIFF", "sub/c.tif", "sub/d.avif", "notes.txt", ".thumbs/e.avif"]);
+        assert_eq!(unread_images(folder.path()).as_deref(), Some("1 AVIF file and 2 TIFF files"));
+        let folder = tree(&["a.avif"]);
         let items = expand_inputs(&[folder.path().to_owned()], &IMAGES);
         let message = items[0].fault.as_ref().expect("nothing to read").message.clone();
-        assert!(message.contains("no JPEG or PNG file, but 1 HEIC file"), "{message}");
+        assert!(message.contains("no JPEG, PNG, WebP or HEIC file, but 1 AVIF file"), "{message}");
         assert_eq!(unread_images(tree(&["a.jpg", "b.txt"]).path()), None);
     }
 

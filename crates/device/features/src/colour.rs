@@ -52,7 +52,7 @@ impl ColourImage {
     }
 }
 
-/// Reads a JPEG or PNG file in colour, with its pixels as they are stored, as [`crate::load_gray`] does.
+/// Reads an image file ([`crate::IMAGE_FORMATS`]) in colour, with its pixels as they are stored, as [`crate::load_gray`] does.
 ///
 /// # Errors
 /// As [`crate::load_gray`].

@@ -19,7 +19,7 @@ pub struct Image {
 }
 
 impl Image {
-    /// Reads a JPEG or PNG file as it is stored.
+    /// Reads an image file as it is stored.
     ///
     /// # Errors
     /// As [`load_gray`].

@@ -40,7 +40,10 @@ mod extractors;
 mod frame;
 mod global;
 mod gray;
+#[cfg(feature = "heic")]
+mod heic;
 mod input;
+mod jpeg;
 mod keypoint;
 #[cfg(feature = "learned")]
 pub mod learned;
@@ -62,7 +65,7 @@ pub use global::{GlobalExtractor, SharedGlobal};
 pub use gray::GrayImage;
 pub use input::Image;
 pub use keypoint::{Features, Keypoint};
-pub use load::{MAX_PIXELS, load_gray};
+pub use load::{IMAGE_EXTENSIONS, IMAGE_FORMATS, MAX_PIXELS, image_size, is_image_file, load_gray};
 pub use mask::{Mask, load_mask};
 pub use orientation::{DisplayTurn, display_turn};
 pub use progress::Progress;

@@ -1,5 +1,9 @@
 //! Images from files. The only metadata that is read (EXIF) is the focal length, in `exif.rs`, and only on request:
-//! other metadata could leak, and COLMAP ignores the orientation too.
+//! other metadata could leak.
+//!
+//! **Orientation.** Pixels are those that are stored: what a file says about its display (EXIF orientation, and the rotation,
+//! mirroring and crop of HEIC) is not applied, as in COLMAP. All photographs of a phone then have one camera, however it was
+//! turned. The program, the Python package and the browser have this one rule.
 
 use std::borrow::Cow;
 use std::io::Cursor;
@@ -7,15 +11,46 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 
+#[cfg(feature = "heic")]
+use crate::heic;
+use crate::jpeg::complete_jpeg;
 use crate::{FeatureError, GrayImage};
 
 /// The largest image that is read, total pixels: 100 million, several times the size of phone images.
 pub const MAX_PIXELS: u64 = 100_000_000;
 
-/// Reads a JPEG or PNG file as gray in [0, 1].
+/// Extensions of the image files that are read, lower case.
+#[cfg(feature = "heic")]
+pub const IMAGE_EXTENSIONS: &[&str] = &["jpg", "jpeg", "png", "webp", "heic", "heif"];
+/// Extensions of the image files that are read, lower case.
+#[cfg(not(feature = "heic"))]
+pub const IMAGE_EXTENSIONS: &[&str] = &["jpg", "jpeg", "png", "webp"];
+
+/// The names of their formats, for messages.
+#[cfg(feature = "heic")]
+pub const IMAGE_FORMATS: &str = "JPEG, PNG, WebP or HEIC";
+/// The names of their formats, for messages.
+#[cfg(not(feature = "heic"))]
+pub const IMAGE_FORMATS: &str = "JPEG, PNG or WebP";
+
+/// Whether a file has the extension of an image that is read; upper and lower case are the same.
+pub fn is_image_file(path: &Path) -> bool {
+    let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+    extension.is_some_and(|extension| IMAGE_EXTENSIONS.contains(&extension.as_str()))
+}
+
+/// Width and height of an image file, pixels as they are stored; pixels are not decoded.
+///
+/// # Errors
+/// As [`load_gray`], but for damage behind the header.
+pub fn image_size(path: &Path) -> Result<(u32, u32), FeatureError> {
+    Ok(header(path)?.size)
+}
+
+/// Reads an image file ([`IMAGE_FORMATS`]) as gray in [0, 1].
 ///
 /// Gray is Rec. 709 luma of the stored values, as in COLMAP (but not rounded to a byte); transparency is ignored. The
-/// EXIF orientation is *not* applied, so coordinates are those of the stored pixels, as in COLMAP.
+/// orientation is *not* applied, so coordinates are those of the stored pixels, as in COLMAP.
 ///
 /// # Errors
 /// [`FeatureError::Read`], [`FeatureError::Decode`] (also when the file is truncated) or [`FeatureError::TooLarge`].
@@ -69,11 +104,21 @@ fn brightest_of_16_bits(image: &DynamicImage) -> Option<u16> {
     }
 }
 
-/// All pixels of a complete JPEG or PNG file, as they are stored.
+/// All pixels of a complete image file, as they are stored.
 pub(crate) fn decode(path: &Path) -> Result<DynamicImage, FeatureError> {
-    let bytes = std::fs::read(path).map_err(|source| FeatureError::Read { path: path.into(), source })?;
-    DynamicImage::from_decoder(decoder(path, &bytes)?)
-        .map_err(|e| FeatureError::Decode { path: path.into(), reason: damaged(e) })
+    let bytes = read(path)?;
+    let refused = |reason: String| FeatureError::Decode { path: path.into(), reason };
+    match format_of(&bytes).map_err(refused)? {
+        #[cfg(feature = "heic")]
+        Format::Heic => {
+            check_size(path, heic::size(&bytes).map_err(|e| refused(damaged(e)))?)?;
+            heic::decode(&bytes).map_err(|e| refused(damaged(e)))
+        }
+        Format::Other(format) => {
+            let decoder = decoder(path, &bytes, format)?;
+            DynamicImage::from_decoder(decoder).map_err(|e| refused(damaged(e)))
+        }
+    }
 }
 
 /// The header of an image file.
@@ -86,17 +131,35 @@ pub(crate) struct Header {
 
 /// The header of an image file; pixels are not decoded.
 pub(crate) fn header(path: &Path) -> Result<Header, FeatureError> {
-    let bytes = std::fs::read(path).map_err(|source| FeatureError::Read { path: path.into(), source })?;
-    let mut decoder = decoder(path, &bytes)?;
-    // Unreadable metadata counts as absent; the caller decides whether it is needed.
-    let metadata = decoder.exif_metadata().ok().flatten();
-    Ok(Header { size: decoder.dimensions(), metadata })
+    let bytes = read(path)?;
+    let refused = |reason: String| FeatureError::Decode { path: path.into(), reason };
+    match format_of(&bytes).map_err(refused)? {
+        #[cfg(feature = "heic")]
+        Format::Heic => {
+            let size = heic::size(&bytes).map_err(|e| refused(damaged(e)))?;
+            check_size(path, size)?;
+            Ok(Header { size, metadata: heic::exif(&bytes) })
+        }
+        Format::Other(format) => {
+            let mut decoder = decoder(path, &bytes, format)?;
+            // Unreadable metadata counts as absent; the caller decides whether it is needed.
+            let metadata = decoder.exif_metadata().ok().flatten();
+            Ok(Header { size: decoder.dimensions(), metadata })
+        }
+    }
 }
 
-/// A complete JPEG or PNG within the size limit.
-fn decoder<'a>(path: &Path, bytes: &'a [u8]) -> Result<impl ImageDecoder + 'a, FeatureError> {
+fn read(path: &Path) -> Result<Vec<u8>, FeatureError> {
+    std::fs::read(path).map_err(|source| FeatureError::Read { path: path.into(), source })
+}
+
+/// A decoder of a complete file within the size limit.
+fn decoder<'a>(
+    path: &Path,
+    bytes: &'a [u8],
+    format: ImageFormat,
+) -> Result<impl ImageDecoder + 'a, FeatureError> {
     let refused = |reason: String| FeatureError::Decode { path: path.into(), reason };
-    let format = known_format(bytes).map_err(refused)?;
     let bytes = match format {
         ImageFormat::Jpeg => complete_jpeg(bytes).map_err(|reason| refused(damaged(reason)))?,
         _ => Cow::Borrowed(bytes),
@@ -104,14 +167,18 @@ fn decoder<'a>(path: &Path, bytes: &'a [u8]) -> Result<impl ImageDecoder + 'a, F
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     reader.no_limits(); // the limit below is in pixels
     let decoder = reader.into_decoder().map_err(|e| refused(damaged(e)))?;
-    let (width, height) = decoder.dimensions();
+    check_size(path, decoder.dimensions())?;
+    Ok(decoder)
+}
+
+fn check_size(path: &Path, (width, height): (u32, u32)) -> Result<(), FeatureError> {
     if width == 0 || height == 0 {
-        return Err(refused(damaged("it has no pixels")));
+        return Err(FeatureError::Decode { path: path.into(), reason: damaged("it has no pixels") });
     }
     if u64::from(width) * u64::from(height) > MAX_PIXELS {
         return Err(FeatureError::TooLarge { path: path.into(), width, height, max_pixels: MAX_PIXELS });
     }
-    Ok(decoder)
+    Ok(())
 }
 
 /// The message for a damaged file.
@@ -119,75 +186,31 @@ fn damaged(reason: impl std::fmt::Display) -> String {
     format!("{reason}; copy it again, or export it again as JPEG or PNG")
 }
 
-/// JPEG or PNG; for other formats, such as those of phones, an error with the name and the remedy.
-fn known_format(bytes: &[u8]) -> Result<ImageFormat, String> {
+/// A format that is read.
+enum Format {
+    #[cfg(feature = "heic")]
+    Heic,
+    Other(ImageFormat),
+}
+
+/// The format of a file by its content; for others, an error with the name and the remedy.
+fn format_of(bytes: &[u8]) -> Result<Format, String> {
     let name = match (image::guess_format(bytes), bytes.get(4..12)) {
-        (Ok(format @ (ImageFormat::Jpeg | ImageFormat::Png)), _) => return Ok(format),
+        (Ok(format @ (ImageFormat::Jpeg | ImageFormat::Png | ImageFormat::WebP)), _) => {
+            return Ok(Format::Other(format));
+        }
         (_, Some(b"ftypheic" | b"ftypheix" | b"ftypheim" | b"ftyphevc" | b"ftypmif1" | b"ftypmsf1")) => {
+            #[cfg(feature = "heic")]
+            return Ok(Format::Heic);
+            #[cfg(not(feature = "heic"))]
             "HEIC"
         }
         (_, Some(b"ftypavif" | b"ftypavis")) => "AVIF",
         (Ok(other), _) => other.extensions_str().first().copied().unwrap_or("other"),
         (Err(_), _) if bytes.is_empty() => return Err(damaged("the file is empty")),
-        (Err(_), _) => return Err("it is not an image; give a JPEG or PNG file".into()),
+        (Err(_), _) => return Err(format!("it is not an image; give a {IMAGE_FORMATS} file")),
     };
-    Err(format!("{} files are not read; convert it to JPEG or PNG", display_name(name)))
-}
-
-/// The name of an image format as people write it.
-fn display_name(name: &str) -> String {
-    if name == "webp" { "WebP".to_owned() } else { name.to_uppercase() }
-}
-
-/// The decoder fills the missing part of a truncated JPEG with gray and reports success; so this walks its segments to
-/// the end marker. Extraneous bytes between segments, which some cameras write, are left out, as libjpeg does.
-///
-/// Segments are skipped by their length, because a preview inside one has its own end marker. Within the coded samples,
-/// `FF 00` is a sample and `FF D0`..`FF D7` a restart.
-///
-/// # Errors
-/// What is wrong, and where.
-fn complete_jpeg(bytes: &[u8]) -> Result<Cow<'_, [u8]>, String> {
-    const START_OF_SCAN: u8 = 0xDA;
-    const END: u8 = 0xD9;
-    let mut at = 2;
-    let mut in_scan = false;
-    // Without the extraneous bytes before `copied`; empty if there are none.
-    let (mut whole, mut copied) = (Vec::new(), 0);
-    while let Some(&[first, marker]) = bytes.get(at..at + 2) {
-        match (first, marker) {
-            (0xFF, END) if whole.is_empty() => return Ok(Cow::Borrowed(bytes)),
-            (0xFF, END) => {
-                whole.extend_from_slice(&bytes[copied..]);
-                return Ok(Cow::Owned(whole));
-            }
-            (0xFF, 0xFF) => at += 1,
-            (0xFF, 0x00 | 0x01 | 0xD0..=0xD7) => at += 2,
-            (0xFF, _) => {
-                let Some(&[high, low]) = bytes.get(at + 2..at + 4) else { break };
-                let length = usize::from(u16::from_be_bytes([high, low]));
-                if length < 2 {
-                    return Err(format!("the segment at byte {at} has a length of {length}"));
-                }
-                at += 2 + length;
-                in_scan = marker == START_OF_SCAN;
-            }
-            _ if in_scan => at += 1,
-            _ => {
-                let rest = &bytes[at..];
-                let next = rest.windows(2).position(|pair| pair[0] == 0xFF && pair[1] != 0);
-                let Some(length) = next else {
-                    return Err(format!(
-                        "no segment follows at byte {at}, and the end of the image is missing"
-                    ));
-                };
-                whole.extend_from_slice(&bytes[copied..at]);
-                at += length;
-                copied = at;
-            }
-        }
-    }
-    Err("the end of the image is missing".to_owned())
+    Err(format!("{} files are not read; convert it to JPEG or PNG", name.to_uppercase()))
 }
 
 #[cfg(test)]

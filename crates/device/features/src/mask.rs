@@ -132,7 +132,7 @@ impl Mask {
     }
 }
 
-/// Reads a mask, JPEG or PNG of the image's size: **black hides**, as in COLMAP's masks. Pixels darker than half are
+/// Reads a mask, an image file of the image's size: **black hides**, as in COLMAP's masks. Pixels darker than half are
 /// hidden, so that soft edges and JPEG noise do not hide too little.
 ///
 /// # Errors

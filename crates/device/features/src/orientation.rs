@@ -4,7 +4,8 @@ use std::fmt;
 use std::path::Path;
 
 use image::metadata::Orientation;
-use image::{ImageDecoder, ImageReader};
+
+use crate::load::header;
 
 /// What a viewer does to an image before it displays it, by the EXIF orientation of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,8 +29,7 @@ impl fmt::Display for DisplayTurn {
 /// The rotation and mirroring of an image file for display; `None` if it is displayed as it is stored, and for files
 /// that cannot be read.
 pub fn display_turn(path: &Path) -> Option<DisplayTurn> {
-    let mut decoder = ImageReader::open(path).ok()?.with_guessed_format().ok()?.into_decoder().ok()?;
-    let (degrees, mirrored) = match decoder.orientation().ok()? {
+    let (degrees, mirrored) = match Orientation::from_exif_chunk(&header(path).ok()?.metadata?)? {
         Orientation::NoTransforms => return None,
         Orientation::Rotate90 => (90, false),
         Orientation::Rotate180 => (180, false),

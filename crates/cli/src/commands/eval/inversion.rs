@@ -32,7 +32,7 @@ use super::html;
 #[derive(clap::Args)]
 #[command(after_long_help = ATTACKS)]
 pub(crate) struct Args {
-    /// Images, JPEG or PNG, or folders with all images in them and their sub-folders.
+    /// Images (JPEG, PNG, WebP, HEIC), or folders with all images in them and their sub-folders.
     #[arg(required = true, value_name = "IMAGE|FOLDER")]
     images: Vec<PathBuf>,
     /// Names of the images to use, one per line, relative to the one given folder.

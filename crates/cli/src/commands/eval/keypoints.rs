@@ -20,7 +20,7 @@ use crate::output::ui::Ui;
 /// The file contains keypoint positions in the clear: use it for tests with your own images and never send it.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Images, JPEG or PNG, or folders with all images in them and their sub-folders.
+    /// Images (JPEG, PNG, WebP, HEIC), or folders with all images in them and their sub-folders.
     #[arg(required = true, value_name = "IMAGE|FOLDER")]
     images: Vec<PathBuf>,
     /// Names of the images to use, one per line, relative to the one given folder. Cameras after the names are ignored:

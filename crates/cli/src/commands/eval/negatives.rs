@@ -17,7 +17,7 @@ use crate::output::ui::Ui;
 /// Queries that must not be localized.
 #[derive(clap::Args)]
 pub(super) struct NegativeArgs {
-    /// Folder of the images of the condition `negatives`, JPEG or PNG, with its sub-folders: out-of-map images, whose
+    /// Folder of the images of the condition `negatives`, with its sub-folders: out-of-map images, whose
     /// poses are all wrong.
     #[arg(long, value_name = "DIR")]
     negatives: Option<PathBuf>,

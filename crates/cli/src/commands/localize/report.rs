@@ -2,6 +2,7 @@
 
 use std::path::{Component, Path, PathBuf};
 
+use veiloc_features::{IMAGE_EXTENSIONS, load_colour};
 use veiloc_localization::{LocalizeOptions, localize};
 use veiloc_map::MapFile;
 use veiloc_pose::State;
@@ -28,9 +29,6 @@ pub(super) struct ReportArgs {
     #[arg(long, value_name = "DIR", requires = "report_file")]
     report_images: Option<PathBuf>,
 }
-
-/// File extensions of images.
-const ENDINGS: [&str; 6] = ["jpg", "jpeg", "png", "JPG", "JPEG", "PNG"];
 
 impl ReportArgs {
     /// Returns whether a report was requested: queries are then stored until it is written.
@@ -147,7 +145,9 @@ fn image_of(folder: &Path, query: &Path) -> Option<image::RgbImage> {
     let tails = (0..parts.len()).map(|from| parts[from..].iter().collect::<PathBuf>());
     // Other paths would leave the folder.
     let inside = tails.filter(|tail| tail.components().all(|part| matches!(part, Component::Normal(_))));
-    let named = inside.flat_map(|tail| ENDINGS.map(|ending| folder.join(tail.with_extension(ending))));
-    let path = named.into_iter().find(|path| path.is_file())?;
-    Some(image::open(path).ok()?.to_rgb8())
+    let spellings = |lower: &&str| [(*lower).to_owned(), lower.to_uppercase()];
+    let endings: Vec<String> = IMAGE_EXTENSIONS.iter().flat_map(spellings).collect();
+    let mut named = inside.flat_map(|tail| endings.iter().map(move |e| folder.join(tail.with_extension(e))));
+    let colour = load_colour(&named.find(|path| path.is_file())?).ok()?;
+    image::RgbImage::from_raw(colour.width(), colour.height(), colour.data().to_vec())
 }

@@ -33,7 +33,7 @@ use crate::output::ui::Ui;
 /// The exit code is 0 for a trusted pose, 4 for a doubtful one, and 1 for none.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// An image, JPEG or PNG.
+    /// An image: JPEG, PNG, WebP or HEIC.
     #[arg(required_unless_present = "rig")]
     image: Option<PathBuf>,
     /// A session instead: a JSON file that names up to 32 sealed queries with the pose of each camera on the device and

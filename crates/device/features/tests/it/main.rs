@@ -4,6 +4,7 @@ mod bad_input;
 mod blobs;
 mod detector;
 mod exif;
+mod formats;
 mod learned;
 mod oracle;
 mod photos;

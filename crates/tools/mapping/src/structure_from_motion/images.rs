@@ -6,7 +6,7 @@ use std::path::Path;
 
 use exif::{In, Tag};
 use rayon::prelude::*;
-use veiloc_features::Image;
+use veiloc_features::{Image, image_size};
 
 use crate::error::MappingError;
 use crate::importers::poses::image_names;
@@ -29,7 +29,7 @@ pub(super) fn all_of(folder: &Path) -> Result<(Vec<String>, BTreeMap<LeftOut, us
         }
     }
     // Previews, of which no folder says so. What cannot be read is not judged here.
-    let longer = |name: &String| image::image_dimensions(folder.join(name)).ok().map(|(w, h)| w.max(h));
+    let longer = |name: &String| image_size(&folder.join(name)).ok().map(|(w, h)| w.max(h));
     let sides: Vec<Option<u32>> = kept.iter().map(longer).collect();
     let mut known: Vec<u32> = sides.iter().copied().flatten().collect();
     known.sort_unstable();
@@ -94,7 +94,7 @@ pub(super) fn by_camera(folder: &Path, names: &[String]) -> Vec<Vec<String>> {
     let mut cameras: BTreeMap<_, Vec<String>> = BTreeMap::new();
     for name in names {
         let path = folder.join(name);
-        let size = image::image_dimensions(&path).ok();
+        let size = image_size(&path).ok();
         cameras.entry((size, lens_of(&path))).or_default().push(name.clone());
     }
     let mut groups: Vec<Vec<String>> = cameras.into_values().collect();

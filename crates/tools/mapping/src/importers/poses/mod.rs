@@ -103,7 +103,7 @@ pub fn read_posed(path: &Path, images: &Path) -> Result<PosedInput, MappingError
     poses.finish(format, path)
 }
 
-/// Names of all JPEG and PNG files in a folder and its folders, relative to it, sorted.
+/// Names of all image files in a folder and its folders, relative to it, sorted.
 pub(crate) fn image_names(folder: &Path) -> Vec<String> {
     ImageNames::new(folder).all()
 }

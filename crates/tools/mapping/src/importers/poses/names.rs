@@ -13,11 +13,10 @@ use std::cell::{OnceCell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 
+use veiloc_features::{FeatureError, IMAGE_EXTENSIONS, image_size, is_image_file};
+
 use crate::error::MappingError;
 use crate::input::image_names::image_file;
-
-/// Extensions of images that are tried; that of the written name is tried first.
-const EXTENSIONS: [&str; 6] = ["jpg", "png", "jpeg", "JPG", "PNG", "JPEG"];
 
 /// Depth of folders that are searched.
 const MAX_DEPTH: usize = 8;
@@ -104,10 +103,11 @@ impl ImageNames {
     pub(super) fn with_size(&self, file: &Path, written: &str) -> Result<Option<SizedName>, MappingError> {
         let Some(name) = self.existing(file, &cleaned(written)) else { return Ok(None) };
         let path = image_file(&self.folder, &name);
-        match image::image_dimensions(&path) {
+        match image_size(&path) {
             Ok(size) => Ok(Some((name, size))),
-            Err(image::ImageError::IoError(source)) => Err(MappingError::Io { path, source }),
-            Err(error) => Err(super::posed_input::faulty(&path, format!("{error}; give a JPEG or PNG file"))),
+            Err(FeatureError::Read { path, source }) => Err(MappingError::Io { path, source }),
+            Err(FeatureError::Decode { path, reason }) => Err(super::posed_input::faulty(&path, reason)),
+            Err(error) => Err(super::posed_input::faulty(&path, error.to_string())),
         }
     }
 
@@ -152,8 +152,11 @@ impl ImageNames {
         let with_extensions = |(end, dropped): (String, Option<String>)| {
             let stem = without_extension(&end).to_owned();
             let bases = [end, stem];
-            let names =
-                bases.into_iter().flat_map(|base| EXTENSIONS.map(|extension| format!("{base}.{extension}")));
+            let spellings = |lower: &&str| [(*lower).to_owned(), lower.to_uppercase()];
+            let extensions: Vec<String> = IMAGE_EXTENSIONS.iter().flat_map(spellings).collect();
+            let names = bases.into_iter().flat_map(move |base| {
+                extensions.clone().into_iter().map(move |extension| format!("{base}.{extension}"))
+            });
             names.map(move |name| (name, dropped.clone()))
         };
         if let Some(found) = ends().flat_map(with_extensions).find(|(end, _)| is_file(end)) {
@@ -190,7 +193,7 @@ fn collect(folder: &Path, prefix: &str, depth: usize, found: &mut BTreeMap<Strin
         let relative = format!("{prefix}{name}");
         if path.is_dir() && depth > 0 {
             collect(&path, &format!("{relative}/"), depth - 1, found);
-        } else if EXTENSIONS.iter().any(|e| path.extension().is_some_and(|is| is == *e)) {
+        } else if is_image_file(&path) {
             found.entry(without_extension(&name).to_owned()).or_default().push(relative);
         }
     }
