@@ -143,20 +143,22 @@ impl Map {
     /// The map has no metric scale. Images without a pose, and further models that are not connected, are in `warnings`.
     ///
     /// Args:
-    ///     images: folder of the images, JPEG or PNG.
+    ///     images: folder of the images.
     ///     work: folder that keeps the database and models of COLMAP, and features and matches of the map, so that an
     ///         interrupted build continues. It holds keypoints and descriptors of the images.
     ///     names: use only these images.
     ///     features, down, self_test, keep_broken, skip_bad, progress: as for `build`.
     ///     matching: `"exhaustive"` (all pairs), `"sequential"` (frames of a video) or `"auto"`.
     ///     python: the Python that has pycolmap. Default: this one.
+    ///     panoramas: all images that are twice as wide as high are equirectangular panoramas, also if their metadata does not say so.
+    ///         Each becomes five pinhole images of the map.
     ///
     /// Raises:
     ///     ImageError: an image cannot be used.
     ///     MapError: pycolmap is not installed or fails, or no map can be built from these images.
     #[staticmethod]
-    #[pyo3(signature = (images, work, *, names=None, features="compact", down=None, self_test=true, keep_broken=false, skip_bad=false, matching="auto", python=None, progress=None))]
-    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
+    #[pyo3(signature = (images, work, *, names=None, features="compact", down=None, self_test=true, keep_broken=false, skip_bad=false, matching="auto", python=None, panoramas=false, progress=None))]
+    #[expect(clippy::too_many_arguments, clippy::fn_params_excessive_bools, reason = "keywords in Python")]
     fn from_images(
         py: Python<'_>,
         images: PathBuf,
@@ -169,12 +171,14 @@ impl Map {
         skip_bad: bool,
         matching: &str,
         python: Option<PathBuf>,
+        panoramas: bool,
         progress: Option<Py<PyAny>>,
     ) -> Result<Self> {
         let down = down.map(down_of).transpose()?;
         let mut sfm = SfmOptions::default();
         sfm.matching = matching_of(matching)?;
         sfm.skip_bad = skip_bad;
+        sfm.are_panoramas = panoramas;
         sfm.python = match python {
             Some(python) => Some(python),
             None => py.import("sys")?.getattr("executable")?.extract()?,
@@ -184,13 +188,15 @@ impl Map {
         ProgressCallback::new(py, progress)?.run(py, |progress| {
             let found = reconstruct(&images, names.as_deref(), &work.join("sfm"), &sfm, progress)?;
             let cache = FolderCache::in_folder(&work, &options).map_err(BindingError::map)?;
-            let input = Input::new(&found.posed, &images).on_bad_image(on_bad(skip_bad)).with_cache(&cache);
+            let input =
+                Input::new(&found.posed, &found.folder).on_bad_image(on_bad(skip_bad)).with_cache(&cache);
             let (mut model, report) = veiloc_mapping::build(&input, &options, progress)?;
             cache.finish().map_err(BindingError::map)?;
             model.down = down;
             let without_pose = found.unregistered.iter().map(ToString::to_string);
-            let others = found.others.iter().map(|(model, images)| {
-                format!("{}: a model of {images} images that is not connected is not used", model.display())
+            let others = found.others.iter().map(|(model, posed)| {
+                let (model, images) = (model.display(), posed.images().len());
+                format!("{model}: a model of {images} images that is not connected is not used")
             });
             let left_out =
                 found.left_out.iter().map(|(reason, count)| format!("{count} files are left out: {reason}"));

@@ -427,6 +427,7 @@ class Map:
         skip_bad: bool = False,
         matching: Literal["auto", "exhaustive", "sequential"] = "auto",
         python: Path | None = None,
+        panoramas: bool = False,
         progress: Progress | None = None,
     ) -> Map:
         """Builds a map from images without poses: pycolmap computes the poses (`pip install veiloc[sfm]`).
@@ -434,13 +435,15 @@ class Map:
         The map has no metric scale. Images without a pose, and further models that are not connected, are in `warnings`.
 
         Args:
-            images: folder of the images, JPEG or PNG.
+            images: folder of the images.
             work: folder that keeps the database and models of COLMAP, and features and matches of the map, so that an
                 interrupted build continues. It holds keypoints and descriptors of the images.
             names: use only these images.
             features, down, self_test, keep_broken, skip_bad, progress: as for `build`.
             matching: `"exhaustive"` (all pairs), `"sequential"` (frames of a video) or `"auto"`.
             python: the Python that has pycolmap. Default: this one.
+            panoramas: all images that are twice as wide as high are equirectangular panoramas, also if their metadata does not say so.
+                Each becomes five pinhole images of the map.
 
         Raises:
             ImageError: an image cannot be used.
@@ -1141,7 +1144,7 @@ def audit(
         ImageError, InputError, Error: as for `attack`.
     """
 def render_room(
-    folder: Path, *, mapped: int = 10, queries: int = 3, seed: int = 11
+    folder: Path, *, mapped: int = 10, queries: int = 3, seed: int = 11, panorama_width: int | None = None
 ) -> tuple[list[tuple[str, str, CameraPose]], list[tuple[str, str, CameraPose]]]:
     """Renders images of a synthetic room into a folder.
 
@@ -1149,6 +1152,9 @@ def render_room(
         folder: folder for the images; it must exist.
         mapped, queries: number of images for the map (at most 30) and for queries (at most 9).
         seed: seed of the room; equal seeds give equal rooms.
+        panorama_width: render equirectangular panoramas of this width, even and at least 256; the camera is then
+            `EQUIRECTANGULAR,W,H`, and the pose that of the panorama's frame (x right, y down, z to its middle). Default: images of a
+            pinhole camera.
 
     Returns:
         Two lists of (name, camera, CameraPose) for `Map.build`: images for the map, and images for queries. Units are
@@ -1156,7 +1162,7 @@ def render_room(
 
     Raises:
         Error: an image cannot be written.
-        InputError: `mapped` or `queries` is too large.
+        InputError: `mapped` or `queries` is too large, or `panorama_width` is none.
     """
 def run_program(command_line: Sequence[str]) -> int:
     """Runs the program and returns its exit code. Ctrl-C ends the process.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use veiloc_geometry::CameraFromRig;
 use veiloc_map::text::without_mark;
 use veiloc_protocol::{RigMessage, SealedFrame, SealedQuery};
@@ -13,13 +13,13 @@ use crate::output::files;
 /// Maximum size of a rig file; far more than the maximum number of frames needs.
 const MAX_BYTES: u64 = 1 << 20;
 
-#[derive(Deserialize)]
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RigFile {
     frames: Vec<FrameEntry>,
 }
 
-#[derive(Deserialize)]
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FrameEntry {
     /// The sealed query, relative to the rig file.
@@ -32,7 +32,7 @@ struct FrameEntry {
     translation_sd: f64,
 }
 
-#[derive(Deserialize)]
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PoseEntry {
     /// Hamilton quaternion `w x y z`.
@@ -65,6 +65,18 @@ pub(super) fn read(path: &Path) -> Result<Vec<NamedFrame>, Failure> {
     }
     let folder = path.parent().unwrap_or(Path::new(""));
     file.frames.into_iter().enumerate().map(|(k, entry)| entry.read(path, folder, k)).collect()
+}
+
+/// A rig file of cameras that are fixed to the rig.
+pub(super) fn fixed(frames: &[(String, CameraFromRig)]) -> Result<Vec<u8>, Failure> {
+    let entry = |(query, pose): &(String, CameraFromRig)| FrameEntry {
+        query: query.into(),
+        cam_from_rig: PoseEntry { q: pose.quaternion(), t: (*pose.translation()).into() },
+        rotation_sd_deg: 0.0,
+        translation_sd: 0.0,
+    };
+    let file = RigFile { frames: frames.iter().map(entry).collect() };
+    serde_json::to_vec_pretty(&file).map_err(Failure::refused)
 }
 
 impl FrameEntry {

@@ -1,6 +1,7 @@
 //! `veiloc seal`: converts images to sealed queries, as on a device.
 
 pub(crate) mod batch;
+mod panorama;
 
 use std::path::{Path, PathBuf};
 
@@ -32,7 +33,7 @@ use crate::output::ui::Ui;
 /// Images are independent: an image that cannot be sealed does not stop the others.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Images, JPEG or PNG, or folders with all images in them and their sub-folders.
+    /// Images (JPEG, PNG, WebP, HEIC), or folders with all images in them and their sub-folders.
     #[arg(required = true, value_name = "IMAGE|FOLDER")]
     images: Vec<PathBuf>,
     /// Names of the images to seal, one per line, relative to the one given folder; a camera may follow each name
@@ -57,6 +58,10 @@ pub(crate) struct Args {
     device: DeviceArgs,
     #[command(flatten)]
     session: SessionArgs,
+    /// The images are equirectangular panoramas (twice as wide as high): each becomes a folder with the sealed queries of its
+    /// pinhole images, which see all directions but the bottom, and a rig.json for `veiloc localize --rig` and `veiloc query --rig`.
+    #[arg(long, conflicts_with_all = ["session", "camera", "list", "gravity"])]
+    panorama: bool,
     #[command(flatten)]
     mask: MaskArgs,
     /// Folder of masks, one per image: `door/3.jpg.png` for `door/3.jpg`, as in COLMAP. An image without a mask is not
@@ -125,7 +130,17 @@ pub(crate) fn extract(
     mask: Option<&Mask>,
     attitude: Attitude,
 ) -> Result<Extracted, SealError> {
-    let image = Image::open(path)?;
+    extract_image(sealer, Image::open(path)?, camera, mask, attitude)
+}
+
+/// As [`extract`], for an image in memory.
+fn extract_image(
+    sealer: &Sealer,
+    image: Image,
+    camera: KnownCamera,
+    mask: Option<&Mask>,
+    attitude: Attitude,
+) -> Result<Extracted, SealError> {
     let image = match mask {
         Some(mask) => image.without(mask)?,
         None => image,

@@ -28,6 +28,7 @@ mod masks;
 mod models;
 mod other_programs;
 mod outputs;
+mod panoramas;
 mod pipeline;
 mod pose_files;
 mod regions;

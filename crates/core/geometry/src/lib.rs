@@ -16,6 +16,7 @@ pub mod frames;
 mod geodetic;
 mod intrinsics;
 mod line;
+mod panorama;
 pub mod pencils;
 mod pixel;
 mod quarter_turns;
@@ -27,6 +28,7 @@ pub use frames::{CameraFromRig, CameraFromWorld, Point3, RigFromWorld, Rigid3, r
 pub use geodetic::Geodetic;
 pub use intrinsics::{Intrinsics, Pinhole};
 pub use line::{PixelLine, PlaneLine};
+pub use panorama::{Panorama, PanoramaFace};
 pub use pencils::{Anchor, AnchorPosition, Arc, Layout, PencilLine, Pencils, PlacedSectors, Sectors, Span};
 pub use pixel::{Pixel, PlanePoint};
 pub use quarter_turns::QuarterTurns;

@@ -43,6 +43,19 @@ pub enum FeatureError {
         /// The limit, total number of pixels.
         max_pixels: u64,
     },
+    /// The image is no panorama.
+    #[error(
+        "{}: {width}x{height} pixels; an equirectangular panorama is twice as wide as high, and at least 256 pixels wide",
+        path.display()
+    )]
+    NoPanorama {
+        /// The file.
+        path: PathBuf,
+        /// Its width, pixels.
+        width: u32,
+        /// Its height, pixels.
+        height: u32,
+    },
     /// The image does not have the size of its camera's images.
     #[error(
         "{}: {}x{} pixels, but its camera takes {}x{}; {}give the camera of this image, or the image as the camera took it, \

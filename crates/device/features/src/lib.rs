@@ -50,6 +50,7 @@ pub mod learned;
 mod load;
 mod mask;
 mod orientation;
+mod panorama;
 mod progress;
 mod sift;
 
@@ -68,5 +69,6 @@ pub use keypoint::{Features, Keypoint};
 pub use load::{IMAGE_EXTENSIONS, IMAGE_FORMATS, MAX_PIXELS, image_size, is_image_file, load_gray};
 pub use mask::{Mask, load_mask};
 pub use orientation::{DisplayTurn, display_turn};
+pub use panorama::{faces_of_file, faces_of_image, is_marked_panorama};
 pub use progress::Progress;
 pub use sift::{Border, SiftOptions, extract_sift};

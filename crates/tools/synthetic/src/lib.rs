@@ -28,6 +28,7 @@ mod light;
 mod material;
 mod noise;
 mod painter;
+mod panorama;
 mod path;
 mod print;
 pub mod problems;

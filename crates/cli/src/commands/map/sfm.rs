@@ -4,7 +4,6 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use veiloc_map::PosedImages;
-use veiloc_map::colmap::read_posed;
 use veiloc_mapping::structure_from_motion::{
     SfmMatching, SfmOptions, SfmReport, frames_of_video, reconstruct,
 };
@@ -30,6 +29,11 @@ pub(super) struct SfmArgs {
     /// as NAME-2.vmap, NAME-3.vmap, … by size. Default: the largest only.
     #[arg(long, conflicts_with_all = ["posed", "pairs", "out_pairs", "json"])]
     components: bool,
+    /// All images that are twice as wide as high are equirectangular panoramas, also if their metadata does not say so, as the frames of
+    /// a video. Each becomes five images of the map: front, right, back, left and up; what is below the camera is left out. It needs
+    /// pycolmap.
+    #[arg(long, conflicts_with = "posed")]
+    panoramas: bool,
 }
 
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
@@ -69,13 +73,14 @@ impl SfmArgs {
         let mut options = SfmOptions::default();
         options.python.clone_from(&self.python);
         options.skip_bad = skip_bad;
+        options.are_panoramas = self.panoramas;
         options.matching = match self.matching {
             Matching::Auto => SfmMatching::Auto,
             Matching::Exhaustive => SfmMatching::Exhaustive,
             Matching::Sequential => SfmMatching::Sequential,
         };
         let stages = Stages::new(ui);
-        let (report, folder) = if images.is_file() {
+        let report = if images.is_file() {
             if names.is_some() {
                 return Err(Failure::with_help(
                     format!("{}: --list names images of a folder, and this is a video", images.display()),
@@ -90,22 +95,21 @@ impl SfmArgs {
                 frames.names.len(),
                 frames.folder.display()
             ));
-            (
-                reconstruct(&frames.folder, Some(&frames.names), &work, &options, &stages)
-                    .map_err(with_remedy)?,
-                frames.folder,
-            )
-        } else {
-            (reconstruct(images, names, &work, &options, &stages).map_err(with_remedy)?, images.to_owned())
-        };
-        self.print(&report, &work, ui);
-        let mut models = vec![report.posed];
-        if self.components {
-            for (model, _) in &report.others {
-                models.push(read_posed(model)?);
+            if let Some(fault) = &frames.fault {
+                ui.warn(format_args!(
+                    "warning: {}: the video is damaged or cut short, so frames are missing (ffmpeg: {fault}); copy it again",
+                    images.display()
+                ));
             }
-        }
-        Ok(SfmModels { models, folder })
+            reconstruct(&frames.folder, Some(&frames.names), &work, &options, &stages)
+        } else {
+            reconstruct(images, names, &work, &options, &stages)
+        };
+        let report = report.map_err(with_remedy)?;
+        self.print(&report, &work, ui);
+        let others = report.others.into_iter().filter(|_| self.components).map(|(_, posed)| posed);
+        let models = std::iter::once(report.posed).chain(others).collect();
+        Ok(SfmModels { models, folder: report.folder })
     }
 
     fn print(&self, report: &SfmReport, work: &Path, ui: &Ui) {
@@ -114,6 +118,13 @@ impl SfmArgs {
         }
         for bad in &report.bad {
             ui.warn(format_args!("warning: left out: {bad}"));
+        }
+        if report.panoramas > 0 {
+            ui.info(format_args!(
+                "{} panoramas: five images of each are used, in {}",
+                report.panoramas,
+                report.folder.display()
+            ));
         }
         let registered = report.posed.images().len();
         let reused = if report.is_reused { ", from an earlier run" } else { "" };
@@ -139,8 +150,11 @@ impl SfmArgs {
         ));
         }
         if !report.others.is_empty() {
-            let listed: Vec<String> =
-                report.others.iter().map(|(model, n)| format!("{} ({n} images)", model.display())).collect();
+            let listed: Vec<String> = report
+                .others
+                .iter()
+                .map(|(model, posed)| format!("{} ({} images)", model.display(), posed.images().len()))
+                .collect();
             let (count, listed) = (report.others.len() + 1, listed.join(", "));
             let use_of = if self.components {
                 "each becomes a map. Take images between the parts to join them"

@@ -5,16 +5,19 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use veiloc_client::SessionFile;
+use veiloc_features::is_marked_panorama;
 use veiloc_mapping::mask_file;
 use veiloc_obfuscation::Sealer;
+use veiloc_protocol::FocalKnowledge;
 
+use super::panorama::seal_panorama;
 use super::{Args, Attitude, Sealed, seal_one};
 use crate::args::camera::{CameraSource, warn_of_turned};
 use crate::commands::image_list::images_of_list;
 use crate::commands::mask_args::{MaskedRegion, MaskedRegionDetector};
 use crate::output::exit::{Failure, Outcome};
 use crate::output::files;
-use crate::output::items::{self, BatchSummary, InputError, Item};
+use crate::output::items::{self, BatchSummary, InputError, InputErrorKind, Item};
 use crate::output::lists;
 use crate::output::ui::Ui;
 
@@ -42,7 +45,7 @@ struct ImageDocument {
     file: String,
     /// Whether it was sealed.
     status: SealStatus,
-    /// File of the sealed query; absent when failed.
+    /// File of the sealed query, or of a panorama its rig file; absent when failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     out: Option<String>,
     /// Number of keypoints found in the image; absent when failed.
@@ -80,6 +83,49 @@ enum SealStatus {
     Failed,
 }
 
+/// What an image becomes.
+pub(super) struct SealedFiles {
+    /// Names in the folder of the output, and bytes; one with an empty name is the output itself.
+    pub(super) files: Vec<(String, Vec<u8>)>,
+    /// Knowledge of the focal length.
+    pub(super) focal: FocalKnowledge,
+    /// Number of keypoints.
+    pub(super) found: usize,
+    /// Rows sent.
+    pub(super) sent: usize,
+    /// The file that stands for all, if there are several.
+    pub(super) result: Option<&'static str>,
+}
+
+impl From<Sealed> for SealedFiles {
+    fn from(sealed: Sealed) -> Self {
+        let Sealed { focal, bytes, found, sent, .. } = sealed;
+        Self { files: vec![(String::new(), bytes)], focal, found, sent, result: None }
+    }
+}
+
+impl SealedFiles {
+    fn bytes(&self) -> usize {
+        self.files.iter().map(|(_, bytes)| bytes.len()).sum()
+    }
+
+    fn result_in(&self, out: &Path) -> PathBuf {
+        self.result.map_or_else(|| out.to_owned(), |name| out.join(name))
+    }
+
+    /// Writes the files; a failure ends the command, because the others could not be written either.
+    fn write(&self, out: &Path, ui: &Ui) -> Result<(), Failure> {
+        for (name, bytes) in &self.files {
+            let path = if name.is_empty() { out.to_owned() } else { out.join(name) };
+            if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty() && !p.exists()) {
+                files::make_folder(folder)?;
+            }
+            files::write_or_print(&path, bytes, ui)?;
+        }
+        Ok(())
+    }
+}
+
 /// An image to seal.
 struct SealJob {
     item: Item,
@@ -102,21 +148,34 @@ pub(super) fn run(
     let beside = of_image.as_ref().map_or_else(String::new, |name| format!(" with {name} of the image"));
     let items: Vec<Item> = jobs.iter().map(|job| job.item.clone()).collect();
     let mut tally = BatchSummary::begin("sealed", &items, ui);
-    warn_of_turned(jobs.iter().map(|job| (job.item.path.as_path(), job.camera)), ui);
+    if !args.panorama {
+        warn_of_turned(jobs.iter().map(|job| (job.item.path.as_path(), job.camera)), ui);
+    }
     let stage = (jobs.len() > 1).then(|| ui.stage("Sealing", jobs.len() as u64));
     let mut images = Vec::new();
     for job in &jobs {
         let name = job.item.path.display().to_string();
         let sealed = if let Some(fault) = &job.item.fault {
             Err(fault.clone())
+        } else if !args.panorama && is_marked_panorama(&job.item.path) {
+            Err(InputError::new(
+                InputErrorKind::Unfit,
+                "it is an equirectangular panorama, as its metadata says; seal it with --panorama",
+            ))
         } else {
-            let gravity = args.device.gravity();
-            let attitude = Attitude { orientation: args.session.camera_orientation(gravity), gravity };
-            let session = session.as_deref_mut();
             match hiding.of(&job.item.path, job.mask.as_deref()) {
                 Ok(hidden) => {
                     let mask = hidden.mask.as_ref();
-                    let sealed = seal_one(&job.item.path, job.camera, sealer, mask, attitude, session)?;
+                    let sealed = if args.panorama {
+                        seal_panorama(&job.item.path, sealer, mask)?
+                    } else {
+                        let gravity = args.device.gravity();
+                        let attitude =
+                            Attitude { orientation: args.session.camera_orientation(gravity), gravity };
+                        let session = session.as_deref_mut();
+                        seal_one(&job.item.path, job.camera, sealer, mask, attitude, session)?
+                            .map(SealedFiles::from)
+                    };
                     sealed.map(|sealed| (sealed, hidden))
                 }
                 Err(fault) => Err(fault),
@@ -124,17 +183,17 @@ pub(super) fn run(
         };
         match &sealed {
             Ok((sealed, hidden)) => {
-                write_query(&job.out, sealed, ui)?;
+                sealed.write(&job.out, ui)?;
                 let line = format!(
                     "{name}: {}{} keypoints, {} sent as {scheme}{beside}, {} bytes → {}",
                     hidden.description(),
                     sealed.found,
                     sealed.sent,
-                    sealed.bytes.len(),
+                    sealed.bytes(),
                     if files::is_standard(&job.out) {
                         "stdout".into()
                     } else {
-                        job.out.display().to_string()
+                        sealed.result_in(&job.out).display().to_string()
                     }
                 );
                 match &stage {
@@ -160,18 +219,10 @@ pub(super) fn run(
     tally.end(sealed, "", args.skip, ui)
 }
 
-/// Writes a sealed query; a failure ends the command, because the others could not be written either.
-fn write_query(out: &Path, sealed: &Sealed, ui: &Ui) -> Result<(), Failure> {
-    if let Some(folder) = out.parent().filter(|p| !p.as_os_str().is_empty() && !p.exists()) {
-        files::make_folder(folder)?;
-    }
-    files::write_or_print(out, &sealed.bytes, ui)
-}
-
 fn document_of(
     file: String,
     out: &Path,
-    sealed: Result<(Sealed, MaskedRegion), InputError>,
+    sealed: Result<(SealedFiles, MaskedRegion), InputError>,
     of_image: Option<&String>,
 ) -> ImageDocument {
     let (status, sealed, hidden, error) = match sealed {
@@ -181,10 +232,10 @@ fn document_of(
     ImageDocument {
         file,
         status,
-        out: sealed.as_ref().map(|_| out.display().to_string()),
+        out: sealed.as_ref().map(|sealed| sealed.result_in(out).display().to_string()),
         keypoints: sealed.as_ref().map(|s| s.found),
         sent_rows: sealed.as_ref().map(|s| s.sent),
-        bytes: sealed.as_ref().map(|s| s.bytes.len()),
+        bytes: sealed.as_ref().map(SealedFiles::bytes),
         masked: hidden.share(),
         detections: hidden.found.map(|found| found.into_iter().collect()),
         image_global: sealed.as_ref().and(of_image).cloned(),
@@ -199,7 +250,7 @@ fn jobs(args: &Args, ui: &Ui) -> Result<Vec<SealJob>, Failure> {
     let several =
         with_cameras.len() > 1 || args.list.is_some() || args.images.iter().any(|path| path.is_dir());
     let ends_in_slash = args.out.as_os_str().to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]);
-    let into_folder = several || ends_in_slash || args.out.is_dir();
+    let into_folder = several || ends_in_slash || args.out.is_dir() || args.panorama;
     let standard = files::is_standard(&args.out);
     if several && args.device.has_gravity() {
         return Err(Failure::with_help(
@@ -219,7 +270,7 @@ fn jobs(args: &Args, ui: &Ui) -> Result<Vec<SealJob>, Failure> {
             "seal each image in a separate call, with --session and its orientation",
         ));
     }
-    if standard && (several || args.json) {
+    if standard && (several || args.json || args.panorama) {
         return Err(Failure::with_help(
             "--out -: stdout can hold one sealed query and nothing else",
             "give a folder with --out",
@@ -230,7 +281,7 @@ fn jobs(args: &Args, ui: &Ui) -> Result<Vec<SealJob>, Failure> {
         .map(|(item, camera)| {
             let into_folder = into_folder && !standard;
             let out = if into_folder {
-                args.out.join(item.below.with_extension("vquery"))
+                args.out.join(item.below.with_extension(if args.panorama { "" } else { "vquery" }))
             } else {
                 args.out.to_path_buf()
             };

@@ -9,6 +9,7 @@
 
 mod images;
 mod options;
+mod prepared;
 mod program;
 mod pycolmap;
 mod state;
@@ -24,6 +25,7 @@ use veiloc_map::colmap::read_posed;
 
 pub use self::images::LeftOut;
 pub use self::options::{MAX_EXHAUSTIVE, SfmMatching, SfmOptions};
+use self::prepared::Prepared;
 pub use self::program::{INSTALL, SfmProgram};
 use self::state::Task;
 pub use self::unregistered::{Unregistered, UnregisteredCause};
@@ -39,12 +41,17 @@ pub struct SfmReport {
     pub model: PathBuf,
     /// Its images with their poses.
     pub posed: PosedImages,
-    /// Number of images that were given.
+    /// The folder that the names of the images are relative to: the given one, or one in the work folder if there are panoramas or
+    /// files of other formats than JPEG and PNG.
+    pub folder: PathBuf,
+    /// Number of images, of which five are of one panorama.
     pub images: usize,
+    /// Number of panoramas.
+    pub panoramas: usize,
     /// Images that are not in the model, with the likely cause.
     pub unregistered: Vec<Unregistered>,
-    /// The other models, largest first, with their numbers of images; their frames differ.
-    pub others: Vec<(PathBuf, usize)>,
+    /// The other models, largest first, with their images; their frames differ.
+    pub others: Vec<(PathBuf, PosedImages)>,
     /// Whether the models of an earlier run were used.
     pub is_reused: bool,
     /// The program.
@@ -55,8 +62,9 @@ pub struct SfmReport {
     pub bad: Vec<BadImage>,
 }
 
-/// Computes poses of the images of a folder. `names` are the images to use, relative to the folder, or else all JPEG and PNG
-/// files in it but masks, previews and smaller copies. Images of one size, focal length and lens share a camera. `work` keeps the database and the models between runs.
+/// Computes poses of the images of a folder. `names` are the images to use, relative to the folder, or else all image
+/// files in it but masks, previews and smaller copies. Images of one size, focal length and lens share a camera. Equirectangular
+/// panoramas become rigs of five pinhole images. `work` keeps the database and the models between runs.
 ///
 /// # Errors
 /// [`MappingError::NoSfmProgram`]: neither pycolmap nor COLMAP was found. [`MappingError::Sfm`]: the program failed, or no
@@ -81,7 +89,8 @@ pub fn reconstruct(
     if names.is_empty() {
         return Err(MappingError::EmptyList);
     }
-    let task = Task::new(images, names, work, options)?;
+    let prepared = Prepared::new(images, names, work, options.are_panoramas, progress)?;
+    let task = Task::new(prepared, work, options)?;
     let (reported, is_reused) = if let Some(reported) = task.finished() {
         (reported, true)
     } else {
@@ -105,25 +114,36 @@ pub fn reconstruct(
             reason: format!(
                 "no model could be computed from {} images; check that they overlap, from different positions, and show \
                  texture",
-                task.names.len()
+                task.images.names.len()
             ),
         });
     };
     let others: Vec<(PosedImages, PathBuf)> = models.collect();
     let is_elsewhere = |name: &str| others.iter().any(|(posed, _)| posed.get(name).is_some());
-    let unregistered = task.names.iter().filter(|name| posed.get(name).is_none()).map(|name| {
-        let cause = if is_elsewhere(name) {
-            UnregisteredCause::OtherModel
-        } else {
-            reported.get(name).copied().unwrap_or(UnregisteredCause::Unknown)
-        };
-        Unregistered { name: name.clone(), cause }
-    });
+    let unregistered: Vec<Unregistered> = task
+        .images
+        .names
+        .iter()
+        .filter(|name| posed.get(name).is_none())
+        .map(|name| {
+            let cause = if is_elsewhere(name) {
+                UnregisteredCause::OtherModel
+            } else {
+                reported.get(name).copied().unwrap_or(UnregisteredCause::Unknown)
+            };
+            Unregistered { name: task.images.original(name).to_owned(), cause }
+        })
+        .collect();
     Ok(SfmReport {
-        unregistered: unregistered.collect(),
-        images: task.names.len(),
-        others: others.iter().map(|(posed, folder)| (folder.clone(), posed.images().len())).collect(),
-        posed,
+        unregistered,
+        folder: task.images.folder.clone(),
+        images: task.images.names.len(),
+        panoramas: task.images.panoramas,
+        others: others
+            .into_iter()
+            .map(|(posed, folder)| Ok((folder, task.images.with_original_names(posed)?)))
+            .collect::<Result<_, MappingError>>()?,
+        posed: task.images.with_original_names(posed)?,
         model,
         is_reused,
         program,

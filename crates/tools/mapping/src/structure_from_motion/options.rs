@@ -29,6 +29,8 @@ pub struct SfmOptions {
     pub matching: SfmMatching,
     /// Seed of its random choices.
     pub seed: u64,
+    /// All images that are twice as wide as high are equirectangular panoramas. Those whose metadata says so always are.
+    pub are_panoramas: bool,
     /// Leave out images that cannot be decoded.
     pub skip_bad: bool,
 }

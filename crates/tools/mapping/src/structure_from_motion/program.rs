@@ -82,7 +82,14 @@ pub(super) fn run_colmap(path: &Path, task: &Task, progress: &dyn Progress) -> R
         let reason = format!("{} {step} failed ({}): {}", path.display(), output.status, tail(&log));
         Err(MappingError::Sfm { reason })
     };
-    let (database, images, sparse) = (task.database(), task.images.clone(), task.sparse());
+    if task.images.panoramas > 0 {
+        let reason = format!(
+            "panoramas need pycolmap, and only {} is there; install it with `{INSTALL}`",
+            path.display()
+        );
+        return Err(MappingError::Sfm { reason });
+    }
+    let (database, images, sparse) = (task.database(), task.folder.clone(), task.sparse());
     let [database, images, sparse] =
         [&database, &images, &sparse].map(|path| path.to_string_lossy().into_owned());
     // Without CUDA, SIFT on the graphics card needs a screen. The names of the options changed with version 3.12.
@@ -92,8 +99,8 @@ pub(super) fn run_colmap(path: &Path, task: &Task, progress: &dyn Progress) -> R
     let is_new = help.contains("FeatureExtraction.use_gpu");
     let on_cpu = |option: &'static str| if without_cuda { vec![option, "0"] } else { Vec::new() };
     let list = task.sparse().with_file_name("names.txt");
-    for of_camera in &task.cameras {
-        let names: String = of_camera.iter().flat_map(|name| [name.as_str(), "\n"]).collect();
+    for of_camera in &task.images.cameras {
+        let names: String = of_camera.names.iter().flat_map(|name| [name.as_str(), "\n"]).collect();
         std::fs::write(&list, names).map_err(MappingError::io(&list))?;
         let list = list.to_string_lossy();
         let mut extract = vec!["feature_extractor", "--database_path", &database, "--image_path", &images];

@@ -1,7 +1,8 @@
 """Structure from motion by pycolmap, run by veiloc: reads a JSON document on stdin, prints one JSON object a line on stdout.
 
-Input: database, images (folder), names, sparse (folder for models), cameras (the names of each camera), matching ("exhaustive" or
-"sequential"), seed.
+Input: database, images (folder), names, sparse (folder for models), cameras (of each the names, and the parameters if they are
+known), rigs (of each its cameras: prefix of their names, and xyzw, the rotation from the rig to the camera), matching ("exhaustive"
+or "sequential"), seed.
 Output lines: {"stage": name, "total": n}, {"done": n}, and for each image that has no pose
 {"unregistered": name, "keypoints": n, "verified_pairs": n}.
 """
@@ -138,6 +139,19 @@ def with_principal_point(model):
     return refined if decrease >= MIN_DECREASE and far <= MAX_SHIFT else model
 
 
+def apply_rigs(database, rigs):
+    """Groups the images of each rig by what follows the prefix in their names; their cameras keep what they are."""
+    configs = []
+    for rig in rigs:
+        cameras = []
+        for number, camera in enumerate(rig):
+            pose = None if number == 0 else pycolmap.Rigid3d(pycolmap.Rotation3d(camera["xyzw"]), [0.0, 0.0, 0.0])
+            cameras.append(pycolmap.RigConfigCamera(ref_sensor=number == 0, image_prefix=camera["prefix"], cam_from_rig=pose))
+        configs.append(pycolmap.RigConfig(cameras=cameras))
+    with pycolmap.Database.open(database) as opened:
+        pycolmap.apply_rig_config(configs, opened)
+
+
 def main():
     task = json.load(sys.stdin)
     names, database = task["names"], task["database"]
@@ -145,10 +159,19 @@ def main():
     pycolmap.set_random_seed(task["seed"])
 
     def extract():
-        for of_camera in task["cameras"]:
-            pycolmap.extract_features(database, task["images"], image_names=of_camera, camera_mode=pycolmap.CameraMode.SINGLE)
+        for camera in task["cameras"]:
+            reader = pycolmap.ImageReaderOptions()
+            if camera["simple_pinhole"]:
+                reader.camera_model, reader.camera_params = "SIMPLE_PINHOLE", camera["simple_pinhole"]
+            pycolmap.extract_features(
+                database, task["images"], image_names=camera["names"], camera_mode=pycolmap.CameraMode.SINGLE, reader_options=reader
+            )
 
     stage("features of structure from motion", len(names), database, "keypoints", extract)
+    if task["rigs"]:
+        apply_rigs(database, task["rigs"])
+    known = {name for camera in task["cameras"] if camera["simple_pinhole"] for name in camera["names"]}
+    constant = {camera for name, camera in query(database, "SELECT name, camera_id FROM images") if name in known}
     match(task, names)
 
     say(stage="camera poses", total=len(names))
@@ -169,6 +192,8 @@ def main():
         options.extract_colors = False
         options.min_model_size = min_model_size(len(left))
         options.image_names = sorted(left)
+        options.constant_cameras = constant
+        options.ba_refine_sensor_from_rig = False
         # It writes its models, too, also attempts of two images, which are no model.
         with tempfile.TemporaryDirectory(dir=sparse.parent) as written:
             found = pycolmap.incremental_mapping(
@@ -188,7 +213,8 @@ def main():
         if len(left) == before:
             break
     say(done=len(names))
-    models = {number: with_principal_point(model) for number, model in models.items()}
+    if not constant:
+        models = {number: with_principal_point(model) for number, model in models.items()}
     for number, model in models.items():
         folder = sparse / str(number)
         folder.mkdir(parents=True, exist_ok=True)

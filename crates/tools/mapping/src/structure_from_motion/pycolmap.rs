@@ -16,12 +16,17 @@ const SCRIPT: &str = include_str!("pycolmap.py");
 const SHOWN: usize = 2000;
 
 pub(super) fn run(python: &Path, task: &Task, progress: &dyn Progress) -> Result<Causes, MappingError> {
+    let cameras = task.images.cameras.iter().map(|camera| {
+        let params = camera.simple_pinhole.map(|params| params.map(|number| number.to_string()).join(","));
+        json!({ "names": camera.names, "simple_pinhole": params })
+    });
     let input = json!({
         "database": task.database(),
-        "images": task.images,
-        "names": task.names,
+        "images": task.folder,
+        "names": task.images.names,
         "sparse": task.sparse(),
-        "cameras": task.cameras,
+        "cameras": cameras.collect::<Vec<_>>(),
+        "rigs": task.images.rigs(),
         "matching": if task.is_sequential { "sequential" } else { "exhaustive" },
         "seed": task.seed,
     });

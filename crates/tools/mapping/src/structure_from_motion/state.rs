@@ -3,6 +3,7 @@
 //! ```text
 //! work/database.db      features and matches of COLMAP
 //! work/sparse/0, 1, …   models
+//! work/images/          the images as COLMAP takes them, if some are panoramas or of another format (`prepared.rs`)
 //! work/images.json      the images and options of the database
 //! work/finished.json    written last: the images without a pose
 //! ```
@@ -13,8 +14,9 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 use veiloc_map::atomic_file::write_atomic;
 
-use super::images;
+use super::images::are_frames;
 use super::options::{MAX_EXHAUSTIVE, SfmMatching, SfmOptions};
+use super::prepared::Prepared;
 use super::unregistered::UnregisteredCause;
 use crate::error::MappingError;
 
@@ -26,10 +28,9 @@ pub(super) type Causes = BTreeMap<String, UnregisteredCause>;
 
 /// What to compute, and where.
 pub(super) struct Task {
-    pub(super) images: PathBuf,
-    pub(super) names: Vec<String>,
-    /// The images of each camera.
-    pub(super) cameras: Vec<Vec<String>>,
+    pub(super) images: Prepared,
+    /// The folder of the images, absolute.
+    pub(super) folder: PathBuf,
     pub(super) is_sequential: bool,
     pub(super) seed: u64,
     work: PathBuf,
@@ -38,17 +39,13 @@ pub(super) struct Task {
 }
 
 impl Task {
-    pub(super) fn new(
-        images: &Path,
-        names: Vec<String>,
-        work: &Path,
-        options: &SfmOptions,
-    ) -> Result<Self, MappingError> {
+    pub(super) fn new(images: Prepared, work: &Path, options: &SfmOptions) -> Result<Self, MappingError> {
         let absolute = |path: &Path| std::path::absolute(path).map_err(MappingError::io(path));
-        let (images, work) = (absolute(images)?, absolute(work)?);
+        let (folder, work) = (absolute(&images.folder)?, absolute(work)?);
+        let names = &images.names;
         let mut files = Vec::with_capacity(names.len());
-        for name in &names {
-            let path = images.join(name);
+        for name in names {
+            let path = folder.join(name);
             let file = path.metadata().map_err(MappingError::io(&path))?;
             let changed =
                 file.modified().ok().and_then(|time| time.duration_since(std::time::UNIX_EPOCH).ok());
@@ -57,16 +54,15 @@ impl Task {
         let is_sequential = match options.matching {
             SfmMatching::Exhaustive => false,
             SfmMatching::Sequential => true,
-            SfmMatching::Auto => names.len() > MAX_EXHAUSTIVE && images::are_frames(&names),
+            SfmMatching::Auto => names.len() > MAX_EXHAUSTIVE && are_frames(names),
         };
-        let cameras = images::by_camera(&images, &names);
-        Ok(Self { images, names, cameras, is_sequential, seed: options.seed, work, files })
+        Ok(Self { images, folder, is_sequential, seed: options.seed, work, files })
     }
 
     /// Images of the smallest model that COLMAP keeps: it begins again when a model stays smaller, which a first pair without
     /// parallax leads to.
     pub(super) fn min_model_size(&self) -> usize {
-        (self.names.len() / 2).clamp(3, 10)
+        (self.images.names.len() / 2).clamp(3, 10)
     }
 
     pub(super) fn database(&self) -> PathBuf {
@@ -107,7 +103,7 @@ impl Task {
             value.get("files").and_then(Value::as_array).into_iter().flatten().map(Value::to_string).collect()
         };
         let known = before.as_ref().map(files_of).unwrap_or_default();
-        let is_usable = same("cameras") && known.is_subset(&files_of(&self.description()));
+        let is_usable = same("cameras") && same("rigs") && known.is_subset(&files_of(&self.description()));
         let remove = |path: &Path| match std::fs::remove_file(path) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(MappingError::io(path)(error)),
             _ => Ok(()),
@@ -146,7 +142,8 @@ impl Task {
 
     fn description(&self) -> Value {
         json!({
-            "cameras": self.cameras,
+            "cameras": self.images.cameras.iter().map(|camera| &camera.names).collect::<Vec<_>>(),
+            "rigs": self.images.rigs(),
             "sequential": self.is_sequential,
             "seed": self.seed,
             // What is done with the models; a change computes them again, not the database.
