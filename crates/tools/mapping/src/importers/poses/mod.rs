@@ -82,23 +82,36 @@ pub fn read_posed(path: &Path, images: &Path) -> Result<PosedInput, MappingError
     let names = ImageNames::new(images);
     let mut poses = read(&path, &names)?;
     let misplaced = names.misplaced();
-    if let Some(first) = misplaced.first().cloned() {
-        let count = misplaced.len();
-        let reason = format!(
-            "{count} images are in another folder than {}, which has other images of their names; the first is {first}",
-            images.display()
-        );
+    let names = if misplaced.is_empty() {
+        names
+    } else {
         let names = names.without(misplaced.clone());
         poses = read(&path, &names)?;
-        poses.images.retain(|image| !misplaced.contains(&image.name));
-        poses.without_file.retain(|written| !misplaced.contains(&names::cleaned(written)));
-        if poses.images.is_empty() {
-            return Err(posed_input::faulty(
-                &path,
-                format!("{reason}; give the folder that its paths are relative to"),
-            ));
+        names
+    };
+    let is_misplaced = |written: &str| misplaced.contains(&names::cleaned(written));
+    let misplaced_in = format!(
+        "they are in another folder than {}, which has other images of their names; give the folder that these paths are \
+         relative to",
+        images.display()
+    );
+    let alike_in =
+        format!("several files in {} have their names; give the folder of one of them", images.display());
+    let listed = std::mem::take(&mut poses.images);
+    let without_file = std::mem::take(&mut poses.without_file);
+    for (name, image) in listed
+        .into_iter()
+        .map(|image| (image.name.clone(), Some(image)))
+        .chain(without_file.into_iter().map(|name| (name, None)))
+    {
+        match (names.alike(&name), image) {
+            _ if is_misplaced(&name) => poses.leave_out("images", &name, &misplaced_in),
+            (Some(files), _) => {
+                poses.leave_out("images", &format!("{name} ({})", files.join(", ")), &alike_in);
+            }
+            (None, Some(image)) => poses.images.push(image),
+            (None, None) => poses.without_file.push(name),
         }
-        poses.remarks.push(format!("left out: {reason}"));
     }
     poses.finish(format, path)
 }
