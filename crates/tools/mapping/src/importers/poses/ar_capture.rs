@@ -15,18 +15,34 @@
 use std::path::{Path, PathBuf};
 
 use veiloc_geometry::nalgebra::Matrix4;
+use veiloc_map::PosedImage;
 
 use super::cameras::Lens;
 use super::json::{Json, document};
 use super::names::{ImageNames, without_extension};
 use super::posed_input::{Poses, down, faulty, pose_of_opengl};
-use super::times::{Stamped, Tracking};
+use super::times::{LOST, Stamped, lost};
 use crate::error::MappingError;
 use crate::input::image_names::image_file;
 
 /// An empty result in ARKit's world.
 fn arkit() -> Poses {
     Poses { down: down(0.0, -1.0, 0.0), ..Poses::default() }
+}
+
+/// The poses without those of lost tracking; images are in the order of time.
+fn tracked(mut poses: Poses) -> Poses {
+    let identity = pose_of_opengl(&Matrix4::identity());
+    let is_identity = |image: &PosedImage| Some(image.cam_from_world) == identity;
+    let lost = lost(&poses.images.iter().map(is_identity).collect::<Vec<_>>());
+    for (image, lost) in std::mem::take(&mut poses.images).into_iter().zip(lost) {
+        if lost {
+            poses.leave_out("images", &image.name, LOST);
+        } else {
+            poses.images.push(image);
+        }
+    }
+    poses
 }
 
 /// Folders of Polycam: of cameras, and of their images.
@@ -38,11 +54,8 @@ pub(super) fn read_polycam(folder: &Path, names: &ImageNames) -> Result<Poses, M
     let folder = match cameras_of_images(folder, names)? {
         None => folder.to_owned(),
         Some(other) => {
-            let remark = format!(
-                "{} is read, not {}: it has the cameras of these images",
-                other.display(),
-                folder.display()
-            );
+            let name = other.file_name().unwrap_or_default().display();
+            let remark = format!("the folder {name} beside it is read: it has the cameras of these images");
             poses.remarks.push(remark);
             other
         }
@@ -83,7 +96,7 @@ pub(super) fn read_polycam(folder: &Path, names: &ImageNames) -> Result<Poses, M
              pixels off"
         ));
     }
-    Ok(poses)
+    Ok(tracked(poses))
 }
 
 /// The folder of cameras beside this one, if it and not this one is that of the images: by the name of their folder, or by
@@ -174,7 +187,7 @@ pub(super) fn read_scanner_app(folder: &Path, names: &ImageNames) -> Result<Pose
             poses.push(name, camera, pose, Vec::new());
         }
     }
-    Ok(poses)
+    Ok(tracked(poses))
 }
 
 /// `metadata` of Record3D; images are named by their frame number, from 0.
@@ -204,7 +217,6 @@ pub(super) fn read_record3d(path: &Path, names: &ImageNames) -> Result<Poses, Ma
         Lens { size, focal: [fx, fy], principal: [cx, cy], ..Lens::default() }.intrinsics(path)
     };
     let mut poses = arkit();
-    let mut tracking = Tracking::default();
     let mut images: Vec<(usize, String)> = Vec::new();
     for name in names.all() {
         match without_extension(name.rsplit('/').next().unwrap_or_default()).parse() {
@@ -223,7 +235,6 @@ pub(super) fn read_record3d(path: &Path, names: &ImageNames) -> Result<Poses, Ma
             _ => None,
         };
         let posed = body.ok_or_else(fault).and_then(|body| {
-            tracking.check(body.is_identity())?;
             let mut matrix = body.rotation.to_homogeneous();
             matrix.fixed_view_mut::<3, 1>(0, 3).copy_from(&body.position);
             Ok((camera(index)?, pose_of_opengl(&matrix).ok_or_else(fault)?))
@@ -232,7 +243,7 @@ pub(super) fn read_record3d(path: &Path, names: &ImageNames) -> Result<Poses, Ma
             poses.push(name, camera, pose, Vec::new());
         }
     }
-    Ok(poses)
+    Ok(tracked(poses))
 }
 
 fn stem(path: &Path) -> String {

@@ -45,7 +45,7 @@ pub(super) fn read(folder: &Path, names: &ImageNames) -> Result<Poses, MappingEr
         });
         trajectory.extend(poses.keep("poses", &line.place(), pose)?);
     }
-    let trajectory = tracked(trajectory, &mut poses)?;
+    let trajectory = tracked(trajectory, &mut poses);
 
     let path = camera_folder.join("data.csv");
     let content = text(&path)?;

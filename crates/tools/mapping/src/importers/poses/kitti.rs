@@ -16,7 +16,7 @@ use veiloc_geometry::nalgebra::{Matrix3, Matrix4, Vector3};
 use super::cameras::Lens;
 use super::names::{ImageNames, without_extension};
 use super::posed_input::{Poses, faulty, pose_of_world_from_cam, text};
-use super::times::Tracking;
+use super::times::{LOST, lost};
 use crate::error::MappingError;
 use crate::importers::lines::Line;
 
@@ -25,17 +25,22 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
     let mut poses = Poses::default();
     // Images are named by the number of the line, also after one that is odd.
     let mut frames = Vec::new();
-    let mut tracking = Tracking::default();
     for line in Line::all(path, &content) {
         let pose = line.numbers::<12>(0, "a pose").and_then(|rows| {
             let mut matrix = Matrix4::identity();
             matrix.fixed_view_mut::<3, 4>(0, 0).copy_from_slice(&transposed(rows));
             let pose = pose_of_world_from_cam(&matrix);
             let pose = pose.ok_or_else(|| line.fault("the pose is no rotation and translation"))?;
-            tracking.check(matrix == Matrix4::identity())?;
-            Ok(pose)
+            Ok((pose, matrix == Matrix4::identity()))
         });
         frames.push(poses.keep("poses", &line.place(), pose)?);
+    }
+    let is_identity: Vec<bool> =
+        frames.iter().map(|frame| frame.is_some_and(|(_, is_identity)| is_identity)).collect();
+    let lost = lost(&is_identity);
+    for (index, frame) in frames.iter_mut().enumerate().filter(|(index, _)| lost[*index]) {
+        poses.leave_out("poses", &format!("that of frame {index}"), LOST);
+        *frame = None;
     }
     let folder = names.folder();
     let folder_name = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
@@ -50,7 +55,7 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
             poses.leave_out("images", &name, "their names are no numbers of a pose");
             continue;
         };
-        let Some(frame) = frame else {
+        let Some((frame, _)) = frame else {
             poses.leave_out("images", &name, "their poses are left out");
             continue;
         };

@@ -1,13 +1,10 @@
 //! Poses by time: interpolated at the times of images.
 
-use std::path::Path;
-
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{UnitQuaternion, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Rigid3};
 
-use super::posed_input::{Poses, faulty};
-use crate::error::MappingError;
+use super::posed_input::Poses;
 
 /// Longest time between two poses that are interpolated, seconds.
 const MAX_GAP: f64 = 0.2;
@@ -46,38 +43,27 @@ impl Stamped {
     }
 }
 
-/// Finds poses that are written while tracking is lost: exactly the identity, after other poses. A trajectory may begin there.
-#[derive(Debug, Default)]
-pub(super) struct Tracking {
-    has_moved: bool,
-}
+/// Why a pose of [`lost`] is left out.
+pub(super) const LOST: &str =
+    "the pose is exactly the identity in the middle of the trajectory, as when tracking is lost";
 
-impl Tracking {
-    /// # Errors
-    /// The pose is that of lost tracking; poses come in the order of time.
-    pub(super) fn check(&mut self, is_identity: bool) -> Result<(), MappingError> {
-        self.has_moved |= !is_identity;
-        if is_identity && self.has_moved {
-            let reason =
-                "the pose is exactly the identity in the middle of the trajectory, as when tracking is lost";
-            return Err(faulty(Path::new(""), reason));
-        }
-        Ok(())
-    }
+/// Which poses in the order of time were written while tracking was lost: several that are exactly the identity, after others.
+/// A trajectory may begin there, and one pose may be the reference of all.
+pub(super) fn lost(is_identity: &[bool]) -> Vec<bool> {
+    let first = is_identity.iter().position(|is_identity| !is_identity).unwrap_or(is_identity.len());
+    let lost: Vec<bool> = (0..).zip(is_identity).map(|(at, is)| *is && at > first).collect();
+    let is_several = lost.iter().filter(|lost| **lost).count() > 1;
+    lost.into_iter().map(|lost| lost && is_several).collect()
 }
 
 /// A trajectory sorted by time, without the poses of lost tracking, which are left out of `poses`.
-pub(super) fn tracked(mut trajectory: Vec<Stamped>, poses: &mut Poses) -> Result<Vec<Stamped>, MappingError> {
+pub(super) fn tracked(mut trajectory: Vec<Stamped>, poses: &mut Poses) -> Vec<Stamped> {
     trajectory.sort_by(|a, b| a.time.total_cmp(&b.time));
-    let mut tracking = Tracking::default();
-    let mut tracked = Vec::with_capacity(trajectory.len());
-    for pose in trajectory {
-        let item = format!("that of time {}", pose.time);
-        if poses.keep("poses", &item, tracking.check(pose.is_identity()))?.is_some() {
-            tracked.push(pose);
-        }
+    let lost = lost(&trajectory.iter().map(Stamped::is_identity).collect::<Vec<_>>());
+    for (pose, _) in trajectory.iter().zip(&lost).filter(|(_, lost)| **lost) {
+        poses.leave_out("poses", &format!("that of time {}", pose.time), LOST);
     }
-    Ok(tracked)
+    trajectory.into_iter().zip(lost).filter(|(_, lost)| !lost).map(|(pose, _)| pose).collect()
 }
 
 /// Gives images their poses by time; those without one are left out.
@@ -189,11 +175,14 @@ mod tests {
     }
 
     #[test]
-    fn identity_is_lost_tracking_except_at_the_start() {
+    fn identity_is_lost_tracking_if_it_comes_again_after_the_start() {
         let identity = |time| at(time, 0.0);
         let mut poses = Poses::default();
-        let trajectory = vec![at(4.0, 3.0), identity(0.0), identity(1.0), at(2.0, 1.0), identity(3.0)];
-        let tracked = tracked(trajectory, &mut poses).expect("no file is read");
+        let trajectory =
+            vec![at(4.0, 3.0), identity(0.0), identity(1.0), at(2.0, 1.0), identity(3.0), identity(5.0)];
+        let tracked = tracked(trajectory, &mut poses);
         assert_eq!(tracked.iter().map(|pose| pose.time).collect::<Vec<_>>(), [0.0, 1.0, 2.0, 4.0]);
+        assert_eq!(lost(&[false, true, false]), [false; 3], "one may be the reference");
+        assert_eq!(lost(&[true, true]), [false; 2]);
     }
 }

@@ -34,7 +34,7 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
         });
         trajectory.extend(poses.keep("poses", &line.place(), pose)?);
     }
-    let trajectory = tracked(trajectory, &mut poses)?;
+    let trajectory = tracked(trajectory, &mut poses);
     let camera = only_camera(path)?;
     let images = timed_images(path, &path.with_file_name("rgb.txt"), names)?;
     pose_images(&mut poses, &trajectory, &images, camera, Stamped::cam_from_world);

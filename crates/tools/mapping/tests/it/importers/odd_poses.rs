@@ -557,18 +557,35 @@ fn times_of_trajectories_may_have_other_units() {
 
 #[test]
 fn poses_of_lost_tracking_are_left_out() {
-    let copy = Copy::of("tum");
-    copy.edit("groundtruth.txt", "-1.089182603518896 -0.33368140921633554 -0.05443320067017654 0.5911369700092755 -0.19704565666975904 -0.39409131333951725 0.6755902076156607", "0 0 0 0 0 0 1");
-    assert!(copy.check("groundtruth.txt", &ALL[..3]).contains("exactly the identity"));
-    let copy = Copy::of("kitti");
-    let text = fs::read_to_string(copy.path("00.txt")).expect("read");
-    let mut lines: Vec<&str> = text.lines().collect();
-    lines[2] = "1 0 0 0 0 1 0 0 0 0 1 0";
-    fs::write(copy.path("00.txt"), lines.join("\n")).expect("written");
-    copy.images.parent().map(|parent| fs::rename(&copy.images, parent.join("image_2")));
-    let read =
-        read_posed(&copy.path("00.txt"), &copy.images.with_file_name("image_2")).expect("posed images");
-    assert_eq!(read.images.names(), ["000000.png", "000001.png", "000003.png"]);
+    let check = |fixture: &str, file: &str, lines: &[(usize, &str)], kept: &[&str]| {
+        let copy = Copy::of(fixture);
+        let text = fs::read_to_string(copy.path(file)).expect("read");
+        let mut changed: Vec<&str> = text.lines().collect();
+        for (at, line) in lines {
+            changed[*at] = line;
+        }
+        fs::write(copy.path(file), changed.join("\n")).expect("written");
+        let read = copy.read("").expect("posed images");
+        let remarks = read.images.remarks().join("; ");
+        assert_eq!(read.images.names(), kept, "{fixture}: {remarks}");
+        assert_eq!(remarks.contains("exactly the identity"), kept.len() < 4, "{remarks}");
+    };
+    let (c, d) = ("1305031103.0000 0 0 0 0 0 0 1", "1305031103.2500 0 0 0 0 0 0 1");
+    check("tum", "groundtruth.txt", &[(3, c), (4, d)], &ALL[..2]);
+    // One may be the reference of all.
+    check("tum", "groundtruth.txt", &[(4, d)], &ALL);
+    let (c, d) = ("1403636580263555584,0,0,0,1,0,0,0", "1403636580513555584,0,0,0,1,0,0,0");
+    check("euroc", "mav0/state_groundtruth_estimate0/data.csv", &[(3, c), (4, d)], &ALL[..2]);
+    let identity = "1 0 0 0 0 1 0 0 0 0 1 0";
+    check("kitti", "00.txt", &[(1, identity), (3, identity)], &["000000.png", "000002.png"]);
+    let copy = Copy::of("record3d");
+    let text = fs::read_to_string(copy.path("metadata.json")).expect("read");
+    let mut document: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    for index in [1, 2] {
+        document["poses"][index] = serde_json::json!([0, 0, 0, 1, 0, 0, 0]);
+    }
+    fs::write(copy.path("metadata.json"), document.to_string()).expect("written");
+    assert!(copy.check("metadata.json", &["0.jpg", "3.jpg"]).contains("exactly the identity"));
 }
 
 #[test]
