@@ -179,8 +179,8 @@ pub(super) fn read_scanner_app(folder: &Path, names: &ImageNames) -> Result<Pose
             let matrix = matrix.ok_or_else(|| frame.fault("cameraPoseARFrame is missing"))?;
             let pose = pose_of_opengl(&matrix);
             let pose = pose.ok_or_else(|| frame.fault("cameraPoseARFrame is no rotation and translation"))?;
-            let [fx, _, cx, _, fy, cy, _, _, _] = frame.array::<9>("intrinsics")?;
-            let lens = Lens { size, focal: [fx, fy], principal: [cx, cy], ..Lens::default() };
+            let [fx, skew, cx, _, fy, cy, _, _, _] = frame.array::<9>("intrinsics")?;
+            let lens = Lens { size, focal: [fx, fy], principal: [cx, cy], skew, ..Lens::default() };
             Ok((lens.intrinsics(&path)?, pose))
         });
         if let Some((camera, pose)) = poses.keep("images", &stem, posed)? {
@@ -206,15 +206,17 @@ pub(super) fn read_record3d(path: &Path, names: &ImageNames) -> Result<Poses, Ma
     }
     let size = (all.needed("w")? as u32, all.needed("h")? as u32);
     let camera = |index: usize| {
-        let [fx, fy, cx, cy] = if let Some(of_frames) = of_frames {
+        let [fx, fy, cx, cy, skew] = if let Some(of_frames) = of_frames {
             let value = serde_json::json!({ "fx, fy, cx, cy": of_frames[index] });
-            Json { path, value: &value, place: "perFrameIntrinsicCoeffs" }.array("fx, fy, cx, cy")?
+            let coefficients = Json { path, value: &value, place: "perFrameIntrinsicCoeffs" };
+            let [fx, fy, cx, cy] = coefficients.array("fx, fy, cx, cy")?;
+            [fx, fy, cx, cy, 0.0]
         } else {
             // Column by column.
-            let [fx, _, _, _, fy, _, cx, cy, _] = all.array::<9>("K")?;
-            [fx, fy, cx, cy]
+            let [fx, _, _, skew, fy, _, cx, cy, _] = all.array::<9>("K")?;
+            [fx, fy, cx, cy, skew]
         };
-        Lens { size, focal: [fx, fy], principal: [cx, cy], ..Lens::default() }.intrinsics(path)
+        Lens { size, focal: [fx, fy], principal: [cx, cy], skew, ..Lens::default() }.intrinsics(path)
     };
     let mut poses = arkit();
     let mut images: Vec<(usize, String)> = Vec::new();

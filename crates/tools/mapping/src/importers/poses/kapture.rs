@@ -21,7 +21,8 @@ pub(super) fn read(folder: &Path, names: &ImageNames) -> Result<Poses, MappingEr
     let sensors_folder = folder.join("sensors");
     let path = sensors_folder.join("sensors.txt");
     let content = text(&path)?;
-    let mut cameras: BTreeMap<&str, Intrinsics> = BTreeMap::new();
+    // Those that cannot be used matter only if an image has them.
+    let mut cameras: BTreeMap<&str, Result<Intrinsics, MappingError>> = BTreeMap::new();
     let mut poses = Poses::default();
     for line in Line::of_commas(&path, &content) {
         let [id, _, kind, model, ..] = line.words[..] else { continue };
@@ -34,9 +35,7 @@ pub(super) fn read(folder: &Path, names: &ImageNames) -> Result<Poses, MappingEr
             let params: Vec<f64> = params.collect::<Result<_, _>>()?;
             Intrinsics::new(model, w as u32, h as u32, &params).map_err(|e| line.fault(e.to_string()))
         });
-        if let Some(camera) = poses.keep("cameras", id, camera)? {
-            cameras.insert(id, camera);
-        }
+        cameras.insert(id, camera);
     }
 
     let path = sensors_folder.join("rigs.txt");
@@ -89,9 +88,16 @@ pub(super) fn read(folder: &Path, names: &ImageNames) -> Result<Poses, MappingEr
             continue;
         };
         let name = name.join(",");
-        let Some(camera) = cameras.get(device) else {
-            poses.leave_out("images", &name, "they are without a known camera");
-            continue;
+        let camera = match cameras.get(device) {
+            Some(Ok(camera)) => camera,
+            Some(Err(error)) => {
+                poses.leave_out("images", &name, &error.to_string());
+                continue;
+            }
+            None => {
+                poses.leave_out("images", &name, "they are without a known camera");
+                continue;
+            }
         };
         let own = trajectory.get(&(*time, *device));
         let own = own.and_then(|(q, t)| CameraFromWorld::from_quaternion(*q, *t));

@@ -25,7 +25,11 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
     let mut poses = Poses::default();
     // Images are named by the number of the line, also after one that is odd.
     let mut frames = Vec::new();
-    for line in Line::all(path, &content) {
+    for line in Line::all(path, &content).filter(|line| !line.words[0].starts_with('#')) {
+        // A line that has no numbers is perhaps no pose: then the others have other numbers.
+        for at in 0..12 {
+            line.number::<f64>(at, "a pose")?;
+        }
         let pose = line.numbers::<12>(0, "a pose").and_then(|rows| {
             let mut matrix = Matrix4::identity();
             matrix.fixed_view_mut::<3, 4>(0, 0).copy_from_slice(&transposed(rows));
@@ -61,10 +65,10 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
         };
         let Some(found) = poses.keep("images", &name, names.with_size(path, &name))? else { continue };
         let Some((name, size)) = found else { continue };
-        let [fx, fy, cx, cy] = intrinsics;
-        let camera = Lens { size, focal: [fx, fy], principal: [cx + 0.5, cy + 0.5], ..Lens::default() };
+        let [fx, fy, cx, cy, skew] = intrinsics;
+        let lens = Lens { size, focal: [fx, fy], principal: [cx + 0.5, cy + 0.5], skew, ..Lens::default() };
         let pose = CameraFromWorld::new(*frame.rotation(), frame.translation() + cam_from_left);
-        poses.push(name, camera.intrinsics(path)?, pose, Vec::new());
+        poses.push(name, lens.intrinsics(path)?, pose, Vec::new());
     }
     Ok(poses)
 }
@@ -74,12 +78,12 @@ fn transposed(rows: [f64; 12]) -> [f64; 12] {
     std::array::from_fn(|at| rows[4 * (at % 3) + at / 3])
 }
 
-/// `fx, fy, cx, cy` of a camera, and its translation from `image_0`.
+/// `fx, fy, cx, cy, skew` of a camera, and its translation from `image_0`.
 fn calibration(
     path: &Path,
     names: &ImageNames,
     number: u32,
-) -> Result<([f64; 4], Vector3<f64>), MappingError> {
+) -> Result<([f64; 5], Vector3<f64>), MappingError> {
     let folder = names.folder();
     let candidates = [
         path.with_file_name("calib.txt"),
@@ -96,7 +100,7 @@ fn calibration(
     let [fx, skew, cx, tx, zero, fy, cy, ty, _, _, _, tz] =
         line.numbers::<12>(1, "a number of the projection")?;
     let k = Matrix3::new(fx, skew, cx, zero, fy, cy, 0.0, 0.0, 1.0);
-    let inverse = k.try_inverse().filter(|_| skew == 0.0 && zero == 0.0);
-    let inverse = inverse.ok_or_else(|| line.fault("is not the projection of a camera without skew"))?;
-    Ok(([fx, fy, cx, cy], inverse * Vector3::new(tx, ty, tz)))
+    let inverse = k.try_inverse().filter(|_| zero == 0.0);
+    let inverse = inverse.ok_or_else(|| line.fault("is not the projection of a camera"))?;
+    Ok(([fx, fy, cx, cy, skew], inverse * Vector3::new(tx, ty, tz)))
 }

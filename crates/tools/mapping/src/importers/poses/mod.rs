@@ -95,8 +95,10 @@ pub fn read_posed(path: &Path, images: &Path) -> Result<PosedInput, MappingError
          relative to",
         images.display()
     );
-    let alike_in =
-        format!("several files in {} have their names; give the folder of one of them", images.display());
+    let alike_in = format!(
+        "several files in {} have their names; give the folder of one of them, or make the names unique",
+        images.display()
+    );
     let listed = std::mem::take(&mut poses.images);
     let without_file = std::mem::take(&mut poses.without_file);
     for (name, image) in listed

@@ -137,10 +137,14 @@ fn of_file(path: &Path) -> Result<Option<(PoseFormat, PathBuf)>, MappingError> {
     if reality_capture::columns(first).is_some() {
         return Ok(here(RealityCapture));
     }
-    let row = start.lines().find(|line| !line.trim_start().starts_with('#') && !line.trim().is_empty());
-    let numbers: Option<Vec<f64>> =
-        row.and_then(|row| row.split_whitespace().map(|word| word.parse().ok()).collect());
-    Ok(match numbers.map(|numbers| numbers.len()) {
+    let is_comment = |line: &&str| line.trim_start().starts_with('#') || line.trim().is_empty();
+    // The first row may be a head.
+    let rows = start.lines().filter(|line| !is_comment(line)).take(2);
+    let counts = rows.filter_map(|row| {
+        let words: Vec<&str> = row.split_whitespace().collect();
+        words.iter().all(|word| word.parse::<f64>().is_ok()).then_some(words.len())
+    });
+    Ok(match counts.take(1).next() {
         Some(8) => here(Tum),
         Some(12) => here(Kitti),
         // A Bundler file whose comment was removed.

@@ -21,7 +21,7 @@ use crate::importers::lines::Line;
 pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingError> {
     let content = text(path)?;
     let mut poses = Poses::default();
-    let is_w_first = content.lines().any(|line| line.starts_with('#') && line.contains("qw qx qy qz"));
+    let is_w_first = content.lines().take(8).any(|line| line.to_lowercase().contains("qw qx qy qz"));
     if is_w_first {
         poses.remarks.push("quaternions are read as qw qx qy qz, as the head of the file says".to_owned());
     }

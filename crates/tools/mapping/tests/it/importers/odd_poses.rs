@@ -75,205 +75,102 @@ fn copy_folder(from: &Path, to: &Path) {
 const ALL: [&str; 4] = ["a.jpg", "b.jpg", "c.jpg", "d.jpg"];
 const NOT_A: [&str; 3] = ["b.jpg", "c.jpg", "d.jpg"];
 
+/// Fixture, file to edit (the first one is read; with `*` its folder), what is replaced by what, images that are kept, and a part
+/// of the remarks. If none is kept, the file is refused, and the part is of the message.
+const CASES: &str = r#"
+nerfstudio | transforms.json | "file_path" | "file" | bcd | 1 frames are left out: file_path is missing
+nerfstudio | transforms.json | [\n     1.0 | [\n     NaN | bcd | first is frames[0]
+nerfstudio | transforms.json | [\n     1.0 | [\n     -Infinity | bcd | not an array of finite numbers
+nerfstudio | transforms.json | [\n     1.0 | [\n     3.0 | bcd | no rotation
+nerfstudio | transforms.json | [\n     1.0 | [\n     1.0001 | abcd |
+nerfstudio | transforms.json | images/b.jpg", | images/b.jpg", "k4": 9, | acd | (k4) move a corner
+nerfstudio | transforms.json | "k1" | "k4": 1e-9, "k1" | abcd |
+nerfstudio | transforms.json | "k1" | "k4" | | (k4) move a corner of the image by
+nerfstudio | transforms.json | OPENCV | SPHERE | | 4 frames are left out: camera_model is "SPHERE"
+nerfstudio | transforms.json | \n ]\n} | \n ],\n} | | is not JSON: line 156 column 1: trailing comma
+nerfstudio | * transforms.json | { | {{ | | transforms.json: is not JSON: line 1 column 2
+opensfm | reconstruction.json | "v2 a phone": { | "x": {"projection_type": "dual", "focal": -1}, "v2 a phone": { | abcd |
+opensfm | reconstruction.json | "camera": "v2 | "camera": "v3 | bcd | its camera "v3 a phone" is missing
+opensfm | reconstruction.json | "coordinates": [\n     0.5 | "coordinates": [\n     NaN | abcd | 1 points are left out
+opensfm | reconstruction.json | "brown" | "dual" | | projection_type is "dual"
+metashape | cameras.xml | <b1> | <b2>0.012</b2><b1> | abcd |
+metashape | cameras.xml | <b1> | <b2>1</b2><b1> | | (skew) move a corner of the image by 0.4
+metashape | cameras.xml | <transform>0.66 | <transform>nan 0.66 | bcd | something else than numbers; the first is a
+metashape | cameras.xml | sensor_id="0" | sensor_id="8" | bcd | their sensor "8" is missing
+metashape | cameras.xml | type="frame" class="adjusted" | type="spherical" class="adjusted" | | its type is "spherical"
+metashape | cameras.xml | <sensor id="0" | <sensor id="7" type="spherical"/><sensor id="0" | abcd |
+metashape | cameras.xml | </document> | | | is not XML
+bundler | bundle.out | 60.5 -0.2 | 60.5 nan | bcd | is not finite; the first is images/a.jpg
+bundler | bundle.out | -0.5 0.0 -2.0 | -0.5 0.0 x | bcd | the translation is "x"
+bundler | bundle.out | 0.5 0.25 4.0 | nan 0.25 4.0 | abcd | 1 points are left out
+bundler | bundle.out | 5 1 | 6 1 | | has 6 cameras
+bundler | bundle.out | 2 0 17 | 2 9 17 | | is seen by camera 9
+nvm | place.nvm | 60.5 1.0 0.0 0.0 0.0 | 60.5 0 0 0 0 | bcd | the pose is no rotation; the first is images/a.jpg
+nvm | place.nvm | 60.5 1.0 | -60.5 1.0 | bcd | 1 images are left out
+nvm | place.nvm | 0.5 0.25 4.0 | 0.5 inf 4.0 | abcd | 1 points are left out
+nvm | place.nvm | NVM_V3  | NVM_V3_R9T | | a camera of NVM_V3_R9T needs name
+reality_capture | cameras.csv | a.jpg, | a.jpg,x | bcd | x is "x0.5"
+reality_capture | cameras.csv | heading | yaw | | has no column heading
+tum | groundtruth.txt | -2.0 0.0 0.0 0.0 1.0 | -2.0 0 0 0 0 | bcd | is not a rotation; the first is line 2
+tum | groundtruth.txt | 0.5 0.0 -2.0 | nan nan nan | bcd | 1 poses are left out: a pose is not finite
+tum | groundtruth.txt | -1.089182603518896 | | abc | is missing; the first is line 5
+tum | groundtruth.txt | # timestamp | timestamp | abcd | 1 poses are left out
+kitti | 00.txt | 1.0 | nan | bcd | a pose is not finite; the first is line 1
+kitti | 00.txt | 1.0 | # a head\n1.0 | abcd |
+kitti | 00.txt | 1.0 | x\n1.0 | | 00.txt:1: a pose is "x"
+kitti | * calib.txt | P2: 60.5 0.0 | P2: 60.5 1e-9 | abcd |
+kitti | * calib.txt | P2: 60.5 0.0 | P2: 60.5 1.5 | | (skew) move a corner
+record3d | metadata.json | [\n   1.0 | [\n   NaN | bcd | first is poses[0]
+record3d | metadata.json | "w" | "width" | | w is missing
+record3d | metadata.json | 60.5,\n  0.0,\n  0.0,\n  0.0 | 60.5,\n  0.0,\n  0.0,\n  3.0 | | (skew) move a corner
+scanner_app | * frame_00000.json | 1.0 | NaN | bcd | 1 images are left out
+scanner_app | * frame_00000.json | 60.5,\n  0.0 | 60.5,\n  2.0 | bcd | (skew) move a corner
+euroc | * mav0/state_groundtruth_estimate0/data.csv | 0.49669 | nan,0.49669 | bcd | 1 poses are left out
+euroc | * mav0/cam0/data.csv | 1403636579763555584,a.jpg | 1403636579763555584 | bcd | the file name is missing
+kapture | * sensors/sensors.txt | cam1, , camera, UNKNOWN_CAMERA | cam1, , camera, PINHOLE | abcd | 1 images are left out
+kapture | * sensors/sensors.txt | cam1, | cam2, , camera, PINHOLE, 1, 1, -5\ncam1, | abcd | without a known camera
+kapture | * sensors/trajectories.txt | cam0, 1.0 | cam0, 0.0 | bcd | not a rotation; the first is line 2
+polycam | * keyframes/corrected_cameras/a.json | 1.0 | "" | bcd | 1 images are left out: t_00 is
+polycam | * keyframes/corrected_cameras/a.json | { | {, | bcd | is not JSON: line 1 column 2
+"#;
+
 #[test]
 fn odd_items_are_left_out_and_counted() {
-    let check = |fixture: &str, file: &str, from: &str, to: &str, kept: &[&str], remark: &str| {
+    for case in CASES.trim().lines() {
+        let columns: Vec<&str> = case.split('|').map(|c| c.strip_prefix(' ').unwrap_or(c)).collect();
+        let [fixture, file, from, to, kept, part] = columns[..] else { panic!("{case}") };
+        let [fixture, file, kept, part] = [fixture, file, kept, part].map(str::trim);
+        let [from, to] = [from, to].map(|text| text.strip_suffix(' ').unwrap_or(text).replace("\\n", "\n"));
+        let edited = file.trim_start_matches("* ");
+        let file = if file == edited { file } else { "" };
         let copy = Copy::of(fixture);
-        copy.edit(file, from, to);
-        let remarks = copy.check(file, kept);
-        assert!(remarks.contains(remark), "{fixture}: {from}: {remarks}");
-    };
-    let json = "transforms.json";
-    check(
-        "nerfstudio",
-        json,
-        "\"file_path\"",
-        "\"file\"",
-        &NOT_A,
-        "1 frames are left out: file_path is missing",
-    );
-    check("nerfstudio", json, "[\n     1.0", "[\n     NaN", &NOT_A, "first is frames[0]");
-    check("nerfstudio", json, "[\n     1.0", "[\n     -Infinity", &NOT_A, "not an array of finite numbers");
-    check("nerfstudio", json, "[\n     1.0", "[\n     3.0", &NOT_A, "no rotation");
-    check(
-        "nerfstudio",
-        json,
-        "images/b.jpg\",",
-        "images/b.jpg\", \"k4\": 9,",
-        &["a.jpg", "c.jpg", "d.jpg"],
-        "(k4) move a corner",
-    );
-    check("nerfstudio", json, "\"k1\"", "\"k4\": 1e-9, \"k1\"", &ALL, "");
-    let json = "reconstruction.json";
-    let other = "\"cameras\": {\n   \"v2 a phone\"";
-    let dual =
-        "\"cameras\": {\"x\": {\"projection_type\": \"dual\", \"width\": 0, \"focal\": -1}, \"v2 a phone\"";
-    check("opensfm", json, other, dual, &ALL, "");
-    let pano = dual.replace("dual", "spherical");
-    for (camera, remark) in [(dual, "is \"dual\""), (&pano, "panoramas have no pinhole image")] {
-        let copy = Copy::of("opensfm");
-        copy.edit(json, other, camera).edit(json, "\"camera\": \"v2 a phone\"", "\"camera\": \"x\"");
-        assert!(copy.check(json, &NOT_A).contains(remark));
+        copy.edit(edited, &from, &to);
+        if kept.is_empty() {
+            let error = copy.read(file).expect_err(case);
+            assert!(error.contains(part), "{case}: {error}");
+            continue;
+        }
+        let mut names = colmap::read_posed(&data("expected").join(fixture)).expect("a model").names();
+        names.sort();
+        let kept: Vec<&str> = kept.bytes().map(|letter| names[usize::from(letter - b'a')].as_str()).collect();
+        let remarks = copy.check(file, &kept);
+        assert!(remarks.contains(part), "{case}: {remarks}");
     }
-    check(
-        "opensfm",
-        json,
-        "\"camera\": \"v2",
-        "\"camera\": \"v3",
-        &NOT_A,
-        "its camera \"v3 a phone\" is missing",
-    );
-    check(
-        "opensfm",
-        json,
-        "\"coordinates\": [\n     0.5",
-        "\"coordinates\": [\n     NaN",
-        &ALL,
-        "1 points are left out",
-    );
-    let xml = "cameras.xml";
-    check("metashape", xml, "<b1>", "<b2>0.012</b2><b1>", &ALL, "");
-    check(
-        "metashape",
-        xml,
-        "<transform>0.66",
-        "<transform>nan 0.66",
-        &NOT_A,
-        "something else than numbers; the first is a",
-    );
-    check("metashape", xml, "sensor_id=\"0\"", "sensor_id=\"8\"", &NOT_A, "their sensor \"8\" is missing");
-    check(
-        "bundler",
-        "bundle.out",
-        "60.5 -0.2",
-        "60.5 nan",
-        &NOT_A,
-        "is not finite; the first is images/a.jpg",
-    );
-    check("bundler", "bundle.out", "-0.5 0.0 -2.0", "-0.5 0.0 x", &NOT_A, "the translation is \"x\"");
-    check("bundler", "bundle.out", "0.5 0.25 4.0", "nan 0.25 4.0", &ALL, "1 points are left out");
-    check(
-        "nvm",
-        "place.nvm",
-        "60.5 1.0 0.0 0.0 0.0",
-        "60.5 0 0 0 0",
-        &NOT_A,
-        "the pose is no rotation; the first is images/a.jpg",
-    );
-    check("nvm", "place.nvm", "60.5 1.0", "-60.5 1.0", &NOT_A, "1 images are left out");
-    check("nvm", "place.nvm", "0.5 0.25 4.0", "0.5 inf 4.0", &ALL, "1 points are left out");
-    check("reality_capture", "cameras.csv", "a.jpg,", "a.jpg,x", &NOT_A, "x is \"x0.5\"");
-    check(
-        "tum",
-        "groundtruth.txt",
-        "-2.0 0.0 0.0 0.0 1.0",
-        "-2.0 0 0 0 0",
-        &NOT_A,
-        "is not a rotation; the first is line 2",
-    );
-    check(
-        "tum",
-        "groundtruth.txt",
-        "0.5 0.0 -2.0",
-        "nan nan nan",
-        &NOT_A,
-        "1 poses are left out: a pose is not finite",
-    );
-    check(
-        "tum",
-        "groundtruth.txt",
-        "-1.089182603518896",
-        "",
-        &["a.jpg", "b.jpg", "c.jpg"],
-        "is missing; the first is line 5",
-    );
-    check(
-        "kitti",
-        "00.txt",
-        "1.0",
-        "nan",
-        &["000001.png", "000002.png", "000003.png"],
-        "a pose is not finite; the first is line 1",
-    );
-    check(
-        "record3d",
-        "metadata.json",
-        "[\n   1.0",
-        "[\n   NaN",
-        &["1.jpg", "2.jpg", "3.jpg"],
-        "first is poses[0]",
-    );
-    check(
-        "scanner_app",
-        "frame_00000.json",
-        "1.0",
-        "NaN",
-        &["frame_00001.jpg", "frame_00002.jpg", "frame_00003.jpg"],
-        "1 images",
-    );
-
-    let check = |fixture: &str, file: &str, from: &str, to: &str, kept: &[&str], remark: &str| {
-        let copy = Copy::of(fixture);
-        let remarks = copy.edit(file, from, to).check("", kept);
-        assert!(remarks.contains(remark), "{fixture}: {from}: {remarks}");
-    };
-    let truth = "mav0/state_groundtruth_estimate0/data.csv";
-    check("euroc", truth, "0.49669", "nan,0.49669", &NOT_A, "1 poses are left out");
-    check(
-        "kapture",
-        "sensors/sensors.txt",
-        "cam1, , camera, UNKNOWN_CAMERA",
-        "cam1, , camera, PINHOLE",
-        &ALL,
-        "1 cameras are left out",
-    );
-    check(
-        "kapture",
-        "sensors/trajectories.txt",
-        "cam0, 1.0",
-        "cam0, 0.0",
-        &NOT_A,
-        "not a rotation; the first is line 2",
-    );
-    check(
-        "polycam",
-        "keyframes/corrected_cameras/a.json",
-        "1.0",
-        "\"\"",
-        &NOT_A,
-        "1 images are left out: t_00 is",
-    );
-    check("polycam", "keyframes/corrected_cameras/a.json", "{", "{,", &NOT_A, "is not JSON: line 1 column 2");
 }
 
 #[test]
-fn files_without_meaning_are_refused_with_the_place() {
-    let check = |fixture: &str, file: &str, from: &str, to: &str, expected: &str| {
-        let error = Copy::of(fixture).edit(file, from, to).read(file).expect_err(expected);
-        assert!(error.contains(file) && error.contains(expected), "{fixture}: {error}");
-    };
-    let json = "transforms.json";
-    check("nerfstudio", json, "\n ]\n}", "\n ],\n}", "is not JSON: line 156 column 1: trailing comma");
-    check("nerfstudio", json, "OPENCV", "SPHERE", "4 frames are left out: camera_model is \"SPHERE\"");
-    check("nerfstudio", json, "\"k1\"", "\"k4\"", "(k4) move a corner of the image by");
-    check("bundler", "bundle.out", "5 1", "6 1", "has 6 cameras");
-    check("bundler", "bundle.out", "2 0 17", "2 9 17", "is seen by camera 9");
-    check("opensfm", "reconstruction.json", "\"brown\"", "\"dual\"", "projection_type is \"dual\"");
-    check("metashape", "cameras.xml", "<b1>", "<b2>1</b2><b1>", "(skew) move a corner of the image by 0.4");
-    check(
-        "metashape",
-        "cameras.xml",
-        "type=\"frame\" class=\"adjusted\"",
-        "type=\"spherical\" class=\"adjusted\"",
-        "its type is \"spherical\"",
-    );
-    check("metashape", "cameras.xml", "</document>", "", "is not XML");
-    check("record3d", "metadata.json", "\"w\"", "\"width\"", "w is missing");
-    check("nvm", "place.nvm", "NVM_V3 ", "NVM_V3_R9T", "a camera of NVM_V3_R9T needs name");
-    // The folder, too, says what is wrong with the only file that could be it.
-    let copy = Copy::of("nerfstudio");
-    let error = copy.edit(json, "{", "{{").read("").expect_err("no JSON");
-    assert!(error.contains("transforms.json: is not JSON: line 1 column 2"), "{error}");
+fn shots_of_other_cameras_are_left_out() {
+    for (model, remark) in [("dual", "is \"dual\""), ("spherical", "panoramas have no pinhole image")] {
+        let copy = Copy::of("opensfm");
+        let file = "reconstruction.json";
+        let camera = format!("\"x\": {{\"projection_type\": \"{model}\"}}, \"v2 a phone\": {{");
+        copy.edit(file, "\"v2 a phone\": {", &camera).edit(
+            file,
+            "\"camera\": \"v2 a phone\"",
+            "\"camera\": \"x\"",
+        );
+        assert!(copy.check(file, &NOT_A).contains(remark));
+    }
 }
 
 #[test]
