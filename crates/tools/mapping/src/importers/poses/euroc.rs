@@ -16,7 +16,7 @@ use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use super::cameras::Lens;
 use super::names::ImageNames;
 use super::posed_input::{Poses, faulty, pose_of_world_from_cam, text};
-use super::times::{Stamped, pose_images, tracked};
+use super::times::{Stamped, pose_images, seconds_of, tracked};
 use crate::error::MappingError;
 use crate::importers::lines::Line;
 
@@ -83,8 +83,11 @@ fn camera_folder(folder: &Path, names: &ImageNames) -> PathBuf {
 /// The time of a line, in seconds after the first second of its nanoseconds.
 fn nanoseconds(line: &Line<'_>) -> Result<f64, MappingError> {
     // An integer first: a double has 100 ns only.
-    let time: i64 = line.number(0, "the time")?;
-    Ok(1e-9 * time as f64)
+    match line.number::<i64>(0, "the time") {
+        Ok(time) => Ok(1e-9 * time as f64),
+        // Others write decimals, or seconds.
+        Err(error) => line.numbers(0, "the time").map_err(|_| error).map(|[time]| seconds_of(time)),
+    }
 }
 
 /// `sensor.yaml`: keys with a value, or with numbers in brackets, which may go over several lines.

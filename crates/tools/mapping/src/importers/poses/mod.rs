@@ -15,8 +15,9 @@
 //! | EuRoC | `mav0` | body to world, camera to body | right, down, forward | centre of the first |
 //! | AR captures | Polycam, Record3D, 3D Scanner App | camera to world | right, up, backward | corner |
 //!
-//! Each reader states its source. Images are found in the folder of the images whatever path or extension the other
-//! program gave them ([`PosedInput::images`] has names relative to that folder).
+//! Each reader states its source. What is read correctly is kept: an odd item is left out, and a remark counts it with the
+//! reason; a file is refused if nothing is left, or if its structure is damaged. Images are found in the folder of the images
+//! whatever path or extension the other program gave them ([`PosedInput::images`] has names relative to that folder).
 //!
 //! ```no_run
 //! use std::path::Path;

@@ -95,6 +95,8 @@ pub(super) struct Poses {
     /// Images whose size is needed and whose file does not exist, as the file names them.
     pub(super) without_file: Vec<String>,
     pub(super) left_out: Vec<LeftOut>,
+    /// Number of items that are left out for further reasons.
+    pub(super) more_left_out: usize,
 }
 
 /// Items that are left out for one reason.
@@ -120,8 +122,11 @@ impl Poses {
 
     /// Counts one of `items`, which is called `item`, as left out.
     pub(super) fn leave_out(&mut self, items: &'static str, item: &str, reason: &str) {
+        let is_full = self.left_out.len() == MAX_REASONS;
         match self.left_out.iter_mut().find(|group| group.items == items && group.reason == reason) {
             Some(group) => group.count += 1,
+            // A long file may have another reason in each line.
+            None if is_full => self.more_left_out += 1,
             None => self.left_out.push(LeftOut {
                 items,
                 reason: reason.to_owned(),
@@ -163,10 +168,9 @@ impl Poses {
         }
         self.leave_out_unusable();
         self.leave_out_repeated();
-        self.remarks.extend(self.left_out.iter().take(MAX_REASONS).map(LeftOut::to_string));
-        if let Some(more) = self.left_out.get(MAX_REASONS..).filter(|more| !more.is_empty()) {
-            let count: usize = more.iter().map(|group| group.count).sum();
-            self.remarks.push(format!("{count} more items are left out for {} other reasons", more.len()));
+        self.remarks.extend(self.left_out.iter().map(LeftOut::to_string));
+        if self.more_left_out > 0 {
+            self.remarks.push(format!("{} more items are left out for other reasons", self.more_left_out));
         }
         if self.images.is_empty() {
             let why = if self.remarks.is_empty() { "" } else { ": " };
@@ -214,7 +218,11 @@ impl Poses {
                 }
                 self.images.push(first);
             } else {
-                self.leave_out("images", &name, "several poses or cameras are given for one file");
+                self.leave_out(
+                    "images",
+                    &name,
+                    "several poses or cameras are given for one file; keep one of them",
+                );
             }
         }
     }
@@ -227,8 +235,8 @@ impl fmt::Display for LeftOut {
     }
 }
 
-/// Reasons that are listed; odd files may have one for each line.
-const MAX_REASONS: usize = 8;
+/// Number of reasons that are listed.
+const MAX_REASONS: usize = 12;
 
 /// The error for content that cannot be used.
 pub(super) fn faulty(path: &Path, reason: impl Into<String>) -> MappingError {

@@ -171,10 +171,10 @@ fn of_json(path: &Path) -> Result<Option<(PoseFormat, PathBuf)>, MappingError> {
     })
 }
 
-/// Marks at the start of files with poses that are not read: what the file is, and what to do.
+/// Marks (without spaces) at the start of files with poses that are not read: what the file is, and what to do.
 const UNREAD: [(&str, &str, &str); 5] = [
     (
-        "SQLite format 3",
+        "SQLiteformat3",
         "COLMAP's database",
         "it has no poses: give the folder of the model that COLMAP's mapper wrote (sparse/0)",
     ),
@@ -189,20 +189,20 @@ const UNREAD: [(&str, &str, &str); 5] = [
         "convert it with aliceVision_exportColmap and give the COLMAP model",
     ),
     (
-        "timestamp, frame, x, y, z, qx, qy, qz, qw",
+        "timestamp,frame,x,y,z,qx,qy,qz,qw",
         "the odometry of Stray Scanner",
         "write it as a trajectory of TUM (time x y z qx qy qz qw), with the camera of camera_matrix.csv in cameras.txt",
     ),
     (
         "\"img_name\"",
-        "the cameras of a gaussian splatting model",
+        "the list of cameras of a gaussian splatting model",
         "give the COLMAP model or the transforms.json that it was trained on",
     ),
 ];
 
 /// The error for a file with poses of a program that is known and not read.
 fn unread(path: &Path) -> Option<MappingError> {
-    let head = head_of(path).ok()?;
+    let head = head_of(path).ok()?.replace(' ', "");
     let is_meshroom = path.extension().is_some_and(|extension| extension == "sfm");
     let (_, what, remedy) = UNREAD
         .into_iter()

@@ -36,19 +36,25 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
     }
     let trajectory = tracked(trajectory, &mut poses);
     let camera = only_camera(path)?;
-    let images = timed_images(path, &path.with_file_name("rgb.txt"), names)?;
+    let images = timed_images(path, &path.with_file_name("rgb.txt"), names, &mut poses)?;
     pose_images(&mut poses, &trajectory, &images, camera, Stamped::cam_from_world);
     Ok(poses)
 }
 
 /// The images of a list with times, or the images of the folder with the times of their names, sorted by time.
-fn timed_images(path: &Path, list: &Path, names: &ImageNames) -> Result<Vec<(f64, String)>, MappingError> {
+fn timed_images(
+    path: &Path,
+    list: &Path,
+    names: &ImageNames,
+    poses: &mut Poses,
+) -> Result<Vec<(f64, String)>, MappingError> {
     let mut images = Vec::new();
     if list.is_file() {
         let content = text(list)?;
         for line in Line::all(list, &content).filter(|line| !line.words[0].starts_with('#')) {
-            let [time] = line.numbers(0, "the time")?;
-            images.push((seconds_of(time), names.find(list, &line.words[1..].join(" "))));
+            if let Some([time]) = poses.keep("images", &line.place(), line.numbers(0, "the time"))? {
+                images.push((seconds_of(time), names.find(list, &line.words[1..].join(" "))));
+            }
         }
     } else {
         let all = names.all();

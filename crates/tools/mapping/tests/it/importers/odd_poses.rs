@@ -114,6 +114,8 @@ reality_capture | cameras.csv | heading | yaw | | has no column heading
 tum | groundtruth.txt | -2.0 0.0 0.0 0.0 1.0 | -2.0 0 0 0 0 | bcd | is not a rotation; the first is line 2
 tum | groundtruth.txt | 0.5 0.0 -2.0 | nan nan nan | bcd | 1 poses are left out: a pose is not finite
 tum | groundtruth.txt | -1.089182603518896 | | abc | is missing; the first is line 5
+tum | * rgb.txt | # timestamp | timestamp | abcd | 1 images are left out: the time is "timestamp"
+tum | * rgb.txt | 1305031102.5000 | x | bcd | the time is "x"
 tum | groundtruth.txt | # timestamp | timestamp | abcd | 1 poses are left out
 kitti | 00.txt | 1.0 | nan | bcd | a pose is not finite; the first is line 1
 kitti | 00.txt | 1.0 | # a head\n1.0 | abcd |
@@ -126,6 +128,7 @@ record3d | metadata.json | 60.5,\n  0.0,\n  0.0,\n  0.0 | 60.5,\n  0.0,\n  0.0,\
 scanner_app | * frame_00000.json | 1.0 | NaN | bcd | 1 images are left out
 scanner_app | * frame_00000.json | 60.5,\n  0.0 | 60.5,\n  2.0 | bcd | (skew) move a corner
 euroc | * mav0/state_groundtruth_estimate0/data.csv | 0.49669 | nan,0.49669 | bcd | 1 poses are left out
+euroc | * mav0/cam0/data.csv | 1403636579763555584 | 1403636579.7635555840 | abcd |
 euroc | * mav0/cam0/data.csv | 1403636579763555584,a.jpg | 1403636579763555584 | bcd | the file name is missing
 kapture | * sensors/sensors.txt | cam1, , camera, UNKNOWN_CAMERA | cam1, , camera, PINHOLE | abcd | 1 images are left out
 kapture | * sensors/sensors.txt | cam1, | cam2, , camera, PINHOLE, 1, 1, -5\ncam1, | abcd | without a known camera
@@ -156,6 +159,17 @@ fn odd_items_are_left_out_and_counted() {
         let remarks = copy.check(file, &kept);
         assert!(remarks.contains(part), "{case}: {remarks}");
     }
+}
+
+#[test]
+fn many_reasons_are_counted_together() {
+    let copy = Copy::of("tum");
+    let odd: Vec<String> = (0..20).map(|n| format!("1305031109.0 x{n}\n")).collect();
+    copy.edit("groundtruth.txt", "1305031103.2500", &format!("{}1305031103.2500", odd.concat()));
+    let remarks = copy.check("groundtruth.txt", &ALL);
+    // 12 of the reasons are listed; that of the late image comes after them.
+    assert!(remarks.contains("is \"x11\"") && !remarks.contains("is \"x12\""), "{remarks}");
+    assert!(remarks.ends_with("9 more items are left out for other reasons"), "{remarks}");
 }
 
 #[test]
