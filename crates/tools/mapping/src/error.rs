@@ -244,6 +244,16 @@ pub enum MappingError {
         /// Whether it is a folder.
         is_folder: bool,
     },
+    /// The poses of a program that is known and not read.
+    #[error("{}: {what} is not read; {remedy}", path.display())]
+    UnreadPoses {
+        /// The file.
+        path: PathBuf,
+        /// What the file is.
+        what: &'static str,
+        /// What to give instead.
+        remedy: &'static str,
+    },
     /// A folder has posed images in several formats.
     #[error("{}: posed images of several formats are here; give one of them: {}", path.display(), formats(found))]
     AmbiguousPoses {

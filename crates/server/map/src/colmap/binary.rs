@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use veiloc_geometry::frames::Rigid3;
 use veiloc_geometry::{CameraFromWorld, CameraModel, Intrinsics, IntrinsicsError, Pixel, Point3};
 
-use super::parts::Parts;
+use super::parts::{Parts, ReadCamera};
 use super::records::{ColmapImage, ColmapPoint, ColmapPoint2d};
 use super::rigs::{ColmapFrame, ColmapRig, ColmapRigs, ColmapSensor, SensorKind};
 use crate::error::{FilePosition, MapError};
@@ -16,11 +16,10 @@ pub(super) const NO_POINT: u64 = u64::MAX;
 
 /// Reads the cameras and images of the model in a folder.
 pub(super) fn read(dir: &Path) -> Result<Parts, MapError> {
-    Ok(Parts {
-        cameras: Bytes::open(dir.join("cameras.bin"))?.records(24, camera)?,
-        images: Bytes::open(dir.join("images.bin"))?.records(73, image)?,
-        ..Parts::default()
-    })
+    let mut parts = Parts::default();
+    parts.sort_cameras(Bytes::open(dir.join("cameras.bin"))?.records(24, camera)?);
+    parts.sort_images(Bytes::open(dir.join("images.bin"))?.records(73, image)?);
+    Ok(parts)
 }
 
 /// Reads the points of the model in a folder.
@@ -154,7 +153,7 @@ fn frame(bytes: &mut Bytes) -> Result<ColmapFrame, MapError> {
 }
 
 /// `id: u32, model: i32, width: u64, height: u64, params: f64[]`
-fn camera(bytes: &mut Bytes) -> Result<(u32, Intrinsics), MapError> {
+fn camera(bytes: &mut Bytes) -> Result<ReadCamera, MapError> {
     let id = bytes.u32()?;
     let model = bytes.u32()? as i32;
     let Some((name, count)) = CameraModel::from_colmap_id(model) else {
@@ -174,20 +173,20 @@ fn camera(bytes: &mut Bytes) -> Result<(u32, Intrinsics), MapError> {
         let [value] = bytes.f64s()?;
         params.push(value);
     }
-    let camera = Intrinsics::new(name, width, height, &params)
-        .map_err(|e| bytes.refuse(format!("camera {id}: {e}")))?;
+    let camera =
+        Intrinsics::new(name, width, height, &params).map_err(|e| bytes.refuse(format!("camera {id}: {e}")));
     Ok((id, camera))
 }
 
 /// `id: u32, q: f64[4], t: f64[3], camera: u32, name: bytes to 0, points: u64, (x: f64, y: f64, point: u64)[]`
-fn image(bytes: &mut Bytes) -> Result<ColmapImage, MapError> {
+fn image(bytes: &mut Bytes) -> Result<Result<ColmapImage, MapError>, MapError> {
     let id = bytes.u32()?;
     let (rotation, translation) = (bytes.f64s()?, bytes.f64s()?);
-    let cam_from_world = CameraFromWorld::from_quaternion(rotation, translation).ok_or_else(|| {
+    let pose = CameraFromWorld::from_quaternion(rotation, translation).ok_or_else(|| {
         bytes.refuse(format!(
             "the pose of image {id} is not finite or its quaternion is zero; remove the image or give it a pose"
         ))
-    })?;
+    });
     let camera_id = bytes.u32()?;
     let rest = &bytes.content[bytes.at..];
     let Some(length) = rest.iter().position(|b| *b == 0) else {
@@ -204,7 +203,7 @@ fn image(bytes: &mut Bytes) -> Result<ColmapImage, MapError> {
         let point = bytes.u64()?;
         points2d.push(ColmapPoint2d { pixel: Pixel::new(u, v), point: (point != NO_POINT).then_some(point) });
     }
-    Ok(ColmapImage { id, name, camera_id, cam_from_world, points2d })
+    Ok(pose.map(|cam_from_world| ColmapImage { id, name, camera_id, cam_from_world, points2d }))
 }
 
 /// `id: u64, xyz: f64[3], rgb: u8[3], error: f64, track: u64, (image: u32, keypoint: u32)[]`

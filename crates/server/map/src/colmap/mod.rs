@@ -5,9 +5,9 @@
 //! write them, they hold the poses: an `images` file that says otherwise is overruled, with a remark. Both are written
 //! too.
 //!
-//! An accepted model is consistent (see [`ColmapModel::new`]), so later steps need no index checks. Cameras and poses
-//! are read strictly. Points and observations that `images` and `points3D` do not agree on are left out, with a remark
-//! ([`ColmapModel::remarks`]). Lengths in a file are checked before memory is allocated.
+//! An accepted model is consistent (see [`ColmapModel::new`]), so later steps need no index checks. Images whose pose is
+//! none, or whose camera has no model here, are left out with a remark ([`ColmapModel::remarks`]), and so are points and
+//! observations that `images` and `points3D` do not agree on. Lengths in a file are checked before memory is allocated.
 
 mod binary;
 mod export;
@@ -109,6 +109,7 @@ impl ModelFiles {
     ) -> Result<ColmapModel, MapError> {
         let mut parts = if self.binary { binary::read(dir)? } else { text::read(dir)? };
         (parts.points, parts.remarks) = (points, remarks);
+        parts.leave_out_odd()?;
         if self.has(dir, "rigs") && self.has(dir, "frames") {
             let rigs = if self.binary { binary::read_rigs(dir)? } else { text::read_rigs(dir)? };
             parts.pose_by(rigs).map_err(|reason| MapError::ColmapRigs { dir: dir.to_owned(), reason })?;

@@ -1,15 +1,25 @@
 //! The parts of a COLMAP model as read.
 
+use std::collections::BTreeSet;
+
 use veiloc_geometry::Intrinsics;
 
 use super::records::{ColmapImage, ColmapPoint};
 use super::rigs::ColmapRigs;
+use crate::error::MapError;
+
+/// The id of a camera, and the camera, or why it cannot be used.
+pub(super) type ReadCamera = (u32, Result<Intrinsics, MapError>);
 
 /// The parts of a model as read, before cross-checks.
 #[derive(Default)]
 pub(crate) struct Parts {
     pub(crate) cameras: Vec<(u32, Intrinsics)>,
     pub(crate) images: Vec<ColmapImage>,
+    /// Cameras that have no model here or invalid parameters, and why.
+    pub(crate) odd_cameras: Vec<(u32, MapError)>,
+    /// What is odd in the images that were not read.
+    pub(crate) odd_images: Vec<MapError>,
     pub(crate) points: Vec<ColmapPoint>,
     /// Rigs and frames, if the model has them.
     pub(crate) rigs: Option<ColmapRigs>,
@@ -18,6 +28,55 @@ pub(crate) struct Parts {
 }
 
 impl Parts {
+    /// Cameras as read, sorted into those that can be used and those that cannot.
+    pub(super) fn sort_cameras(&mut self, cameras: Vec<ReadCamera>) {
+        for (id, camera) in cameras {
+            match camera {
+                Ok(camera) => self.cameras.push((id, camera)),
+                Err(error) => self.odd_cameras.push((id, error)),
+            }
+        }
+    }
+
+    /// Images as read, likewise.
+    pub(super) fn sort_images(&mut self, images: Vec<Result<ColmapImage, MapError>>) {
+        for image in images {
+            match image {
+                Ok(image) => self.images.push(image),
+                Err(error) => self.odd_images.push(error),
+            }
+        }
+    }
+
+    /// Leaves out images whose camera cannot be used, and remarks on all that are left out. A camera that no image has does
+    /// not matter.
+    ///
+    /// # Errors
+    /// No image is left.
+    pub(super) fn leave_out_odd(&mut self) -> Result<(), MapError> {
+        let before = self.images.len() + self.odd_images.len();
+        let mut causes = std::mem::take(&mut self.odd_images);
+        let mut unused = Vec::new();
+        for (id, error) in std::mem::take(&mut self.odd_cameras) {
+            let count = self.images.len();
+            self.images.retain(|image| image.camera_id != id);
+            if self.images.len() < count { causes.push(error) } else { unused.push(error) }
+        }
+        if self.images.is_empty() {
+            return causes.into_iter().chain(unused).next().map_or(Ok(()), Err);
+        }
+        if causes.is_empty() {
+            return Ok(());
+        }
+        let (left_out, first) = (before - self.images.len(), &causes[0]);
+        self.remarks.push(format!("{left_out} of {before} images are left out; the first cause is {first}"));
+        let ids: BTreeSet<u32> = self.images.iter().map(|image| image.id).collect();
+        for point in &mut self.points {
+            point.track.retain(|(image, _)| ids.contains(image));
+        }
+        Ok(())
+    }
+
     /// Removes the references from 2D points to points, for a model without points.
     pub(crate) fn forget_points(&mut self) {
         self.points.clear();

@@ -172,6 +172,42 @@ fn invalid_text_is_refused_with_file_and_line() {
     }
 }
 
+/// What is odd in one image or camera does not refuse the others.
+#[test]
+fn odd_images_and_unused_cameras_are_left_out() {
+    let two =
+        "1 PINHOLE 640 480 500 500 320 240\n2 PINHOLE 640 480 -500 500 320 240\n3 SPHERICAL 640 480 1\n";
+    let image = |id: u32, pose: &str, camera: u32| format!("{id} {pose} {camera} {id}.jpg\n1 2 5\n");
+    let right = "1 0 0 0 0 0 0";
+    let point = "5 0 0 3 10 20 30 0.2 1 0 2 0";
+    for (second, remark) in [
+        (image(2, right, 1), None),
+        (image(2, right, 2), Some("cameras.txt, line 2")),
+        (image(2, right, 3), Some("cameras.txt, line 3")),
+        (image(2, "0 0 0 0 0 0 0", 1), Some("images.txt, line 3")),
+        (image(2, "1 0 0 0 0 nan 0", 1), Some("images.txt, line 3")),
+    ] {
+        let model = read(two, &(image(1, right, 1) + &second), point).expect("a model");
+        let names: Vec<&str> = model.images().iter().map(|image| image.name.as_str()).collect();
+        let remarks = model.remarks().join("; ");
+        match remark {
+            None => assert!(names == ["1.jpg", "2.jpg"] && remarks.is_empty(), "{names:?}: {remarks}"),
+            Some(remark) => {
+                assert_eq!(names, ["1.jpg"], "{remarks}");
+                assert!(
+                    remarks.starts_with("1 of 2 images are left out") && remarks.contains(remark),
+                    "{remarks}"
+                );
+                assert_eq!(model.points()[0].track, [(1, 0)], "{remarks}");
+            }
+        }
+        // A model in binary form has the same images.
+        let folder = tempfile::tempdir().unwrap();
+        write_binary(&model, folder.path()).unwrap();
+        assert_eq!(read_model(folder.path()).unwrap().images().len(), names.len());
+    }
+}
+
 fn cameras(line: &str) -> String {
     line.to_owned()
 }
@@ -337,8 +373,9 @@ fn invalid_binary_records_are_refused() {
     let error = damaged("cameras.bin", |bytes| bytes[12] = 17).unwrap_err().to_string();
     assert!(error.contains("cameras.bin") && error.contains("panorama"), "{error}");
     let nan = f64::NAN.to_le_bytes();
-    let error = damaged("images.bin", |bytes| bytes[12..20].copy_from_slice(&nan)).unwrap_err().to_string();
-    assert!(error.contains("images.bin") && error.contains("not finite"), "{error}");
+    let model = damaged("images.bin", |bytes| bytes[12..20].copy_from_slice(&nan)).unwrap();
+    let remark = &model.remarks()[0];
+    assert!(remark.starts_with("1 of 4 images are left out") && remark.contains("images.bin"), "{remark}");
     let model = damaged("points3D.bin", |bytes| bytes[16..24].copy_from_slice(&nan)).unwrap();
     assert!(model.remarks()[0].contains("1 of 12 points"), "{:?}", model.remarks());
 }

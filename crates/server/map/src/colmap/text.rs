@@ -8,7 +8,7 @@ use veiloc_geometry::frames::Rigid3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, IntrinsicsError, Pixel, Point3};
 
 use super::binary::NO_POINT;
-use super::parts::Parts;
+use super::parts::{Parts, ReadCamera};
 use super::records::{ColmapImage, ColmapPoint, ColmapPoint2d};
 use super::rigs::{ColmapFrame, ColmapRig, ColmapRigs, ColmapSensor, SensorKind};
 use crate::error::{FilePosition, MapError};
@@ -16,11 +16,10 @@ use crate::text::text_of;
 
 /// Reads the cameras and images of the model in a folder.
 pub(super) fn read(dir: &Path) -> Result<Parts, MapError> {
-    Ok(Parts {
-        cameras: cameras(&Text::open(dir.join("cameras.txt"))?)?,
-        images: images(&Text::open(dir.join("images.txt"))?)?,
-        ..Parts::default()
-    })
+    let mut parts = Parts::default();
+    parts.sort_cameras(cameras(&Text::open(dir.join("cameras.txt"))?)?);
+    parts.sort_images(images(&Text::open(dir.join("images.txt"))?)?);
+    Ok(parts)
 }
 
 /// Reads the points of the model in a folder.
@@ -182,7 +181,7 @@ fn frames(text: &Text) -> Result<Vec<ColmapFrame>, MapError> {
 }
 
 /// `CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]`
-fn cameras(text: &Text) -> Result<Vec<(u32, Intrinsics)>, MapError> {
+fn cameras(text: &Text) -> Result<Vec<ReadCamera>, MapError> {
     text.records()
         .map(|mut fields| {
             let id = fields.number("CAMERA_ID")?;
@@ -196,7 +195,7 @@ fn cameras(text: &Text) -> Result<Vec<(u32, Intrinsics)>, MapError> {
             let camera = Intrinsics::new(model, width, height, &params).map_err(|e| match e {
                 IntrinsicsError::Panorama => fields.refuse(e.to_string()),
                 e => fields.refuse(format!("{e}; undistort the images with COLMAP, or correct the line")),
-            })?;
+            });
             Ok((id, camera))
         })
         .collect()
@@ -204,7 +203,7 @@ fn cameras(text: &Text) -> Result<Vec<(u32, Intrinsics)>, MapError> {
 
 /// `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, and on the next line `POINTS2D[] as (X Y POINT3D_ID)`, which is
 /// present even if empty.
-fn images(text: &Text) -> Result<Vec<ColmapImage>, MapError> {
+fn images(text: &Text) -> Result<Vec<Result<ColmapImage, MapError>>, MapError> {
     let mut images = Vec::new();
     let mut lines = text.lines();
     while let Some((line, content)) = lines.next() {
@@ -218,16 +217,16 @@ fn images(text: &Text) -> Result<Vec<ColmapImage>, MapError> {
         let camera_id = fields.number("CAMERA_ID")?;
         fields.word("NAME")?;
         let name = after_fields(content, 9).to_owned();
-        let cam_from_world = CameraFromWorld::from_quaternion(rotation, translation).ok_or_else(|| {
+        let pose = CameraFromWorld::from_quaternion(rotation, translation).ok_or_else(|| {
             fields.refuse(
                 "the pose is not finite or its quaternion is zero; remove the image or give it a pose",
             )
-        })?;
+        });
         let points2d = match lines.next() {
             Some((line, content)) => points2d(text, line, content)?,
             None => Vec::new(),
         };
-        images.push(ColmapImage { id, name, camera_id, cam_from_world, points2d });
+        images.push(pose.map(|cam_from_world| ColmapImage { id, name, camera_id, cam_from_world, points2d }));
     }
     Ok(images)
 }

@@ -7,7 +7,7 @@
 use rayon::prelude::*;
 use veiloc_descriptor::{DescriptorView, GlobalDescriptor, Match, MatchOptions, match_descriptors};
 use veiloc_geometry::CameraFromWorld;
-use veiloc_geometry::nalgebra::{Matrix3, Rotation3, Vector3};
+use veiloc_geometry::nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use veiloc_map::MapModel;
 
 use crate::build::report::{BuildReport, InputMistake, MapWarning};
@@ -74,7 +74,9 @@ fn mistakes() -> impl Iterator<Item = InputMistake> {
     };
     let poses =
         [InputMistake::CameraToWorld, InputMistake::AxesUpAndBack, InputMistake::CameraToWorldAxesUpAndBack];
-    poses.into_iter().chain((-16..=16).filter(|step| *step != 0).map(focal))
+    let orders = [(false, false), (false, true), (true, false), (true, true)]
+        .map(|(w_first, to_world)| InputMistake::QuaternionOrder { w_first, to_world });
+    poses.into_iter().chain(orders).chain((-16..=16).filter(|step| *step != 0).map(focal))
 }
 
 /// Returns the view with the mistake undone.
@@ -93,6 +95,28 @@ fn without_mistake(view: &View, fault: Option<InputMistake>) -> View {
         Some(InputMistake::CameraToWorld) => view.with(inverse(), 1.0),
         Some(InputMistake::AxesUpAndBack) => view.with(flipped(given), 1.0),
         Some(InputMistake::CameraToWorldAxesUpAndBack) => view.with(flipped(inverse()), 1.0),
+        Some(InputMistake::QuaternionOrder { w_first, to_world }) => {
+            let written = if to_world { given.rotation().inverse() } else { *given.rotation() };
+            let q = UnitQuaternion::from_rotation_matrix(&written);
+            let mut wxyz = [q.w, q.i, q.j, q.k];
+            if w_first {
+                wxyz.rotate_left(1);
+            } else {
+                wxyz.rotate_right(1);
+            }
+            let [w, x, y, z] = wxyz;
+            let right = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)).to_rotation_matrix();
+            // A pose of the camera in the world has its centre, and the reverse the origin of the world.
+            view.with(
+                if to_world {
+                    let rotation = right.inverse();
+                    CameraFromWorld::new(rotation, -(rotation * given.center().coords))
+                } else {
+                    CameraFromWorld::new(right, *given.translation())
+                },
+                1.0,
+            )
+        }
         Some(InputMistake::FocalLength { percent }) => view.with(given, 100.0 / f64::from(percent)),
     }
 }

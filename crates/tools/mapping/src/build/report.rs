@@ -136,6 +136,13 @@ pub enum InputMistake {
     AxesUpAndBack,
     /// Both.
     CameraToWorldAxesUpAndBack,
+    /// The components of the quaternions are in another order than they are read in.
+    QuaternionOrder {
+        /// Whether `w` is first, and read as the last; or the reverse.
+        w_first: bool,
+        /// Whether the quaternions turn the camera into the world; or the reverse.
+        to_world: bool,
+    },
     /// The given focal length is this many per cent of the correct one.
     FocalLength {
         /// Within about a tenth.
@@ -158,6 +165,11 @@ impl fmt::Display for InputMistake {
                 "the poses seem to be camera-to-world with OpenGL's axes (y up, z backwards), as in NeRF \
                  data; negate the second and third column of each rotation, then invert the pose",
             ),
+            Self::QuaternionOrder { w_first, .. } => {
+                let (written, expected) =
+                    if *w_first { ("w x y z", "x y z w") } else { ("x y z w", "w x y z") };
+                write!(f, "the quaternions seem to be written as {written}; {expected} is expected")
+            }
             Self::FocalLength { percent } => write!(
                 f,
                 "the focal length seems to be wrong: the given one is about {:.2} times the correct one; \
@@ -298,6 +310,7 @@ impl MapWarning {
                 InputMistake::CameraToWorld => "poses-camera-to-world",
                 InputMistake::AxesUpAndBack => "axes-up-and-back",
                 InputMistake::CameraToWorldAxesUpAndBack => "poses-camera-to-world-axes-up-and-back",
+                InputMistake::QuaternionOrder { .. } => "quaternion-order",
                 InputMistake::FocalLength { .. } => "focal-length",
             },
         }

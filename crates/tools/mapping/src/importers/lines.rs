@@ -27,17 +27,27 @@ impl<'a> Line<'a> {
 
     /// All lines with fields separated by commas, without comments (`#`); white space around fields is removed.
     pub fn of_commas(path: &'a Path, text: &'a str) -> impl Iterator<Item = Self> {
-        Self::split(path, text, |line| line.split(',').map(str::trim).collect())
+        Self::of_fields(path, text, ',')
+    }
+
+    /// The same with another separator.
+    pub(crate) fn of_fields(path: &'a Path, text: &'a str, separator: char) -> impl Iterator<Item = Self> {
+        Self::split(path, text, move |line| line.split(separator).map(str::trim).collect())
             .filter(|line| !line.words[0].starts_with('#'))
     }
 
     fn split(
         path: &'a Path,
         text: &'a str,
-        words: fn(&'a str) -> Vec<&'a str>,
+        words: impl Fn(&'a str) -> Vec<&'a str>,
     ) -> impl Iterator<Item = Self> {
         let lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
         lines.map(move |(number, line)| Self { path, number, words: words(line) })
+    }
+
+    /// The place of the line in its file, for messages.
+    pub(crate) fn place(&self) -> String {
+        format!("line {}", self.number)
     }
 
     /// An error about this line.

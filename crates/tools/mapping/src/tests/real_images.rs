@@ -4,13 +4,14 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use veiloc_geometry::CameraFromWorld;
-use veiloc_geometry::nalgebra::{Rotation3, Vector3};
+use veiloc_geometry::nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use veiloc_map::colmap::{ColmapModel, read_model, read_posed};
 use veiloc_map::{PosedImage, PosedImages};
 use veiloc_protocol::ExtractionLimits;
 use veiloc_testdata::real_data_test;
 
 use crate::build::import::recomputed_error;
+use crate::importers::lines::pose_at;
 use crate::{
     BadReason, BuildOptions, Input, InputMistake, MapWarning, MappingError, VocabularyUpdate, add, build,
     import, remove,
@@ -119,7 +120,7 @@ fn image_is_removed_from_and_added_to_redkitchen_map(data: &Path) {
     ));
 }
 
-/// The message for inverted poses, or a focal length that is twice the correct one.
+/// The message for inverted poses, other axes, quaternions in another order, or a focal length that is twice the correct one.
 #[real_data_test]
 fn wrong_poses_and_cameras_are_diagnosed(data: &Path) {
     let right = read_posed(&data.join("redkitchen/posed")).unwrap();
@@ -154,9 +155,22 @@ fn wrong_poses_and_cameras_are_diagnosed(data: &Path) {
         let pose = image.cam_from_world;
         image.cam_from_world = CameraFromWorld::new(flip * pose.rotation(), flip * pose.translation());
     };
+    // A trajectory with w x y z, read as x y z w; a model with x y z w, read as w x y z.
+    let w_first = |image: &mut PosedImage| {
+        let q = UnitQuaternion::from_rotation_matrix(&image.cam_from_world.rotation().inverse());
+        let center: [f64; 3] = image.cam_from_world.center().coords.into();
+        image.cam_from_world = pose_at(center, [q.k, -q.w, -q.i, -q.j]).unwrap();
+    };
+    let w_last = |image: &mut PosedImage| {
+        let q = UnitQuaternion::from_rotation_matrix(image.cam_from_world.rotation());
+        let t: [f64; 3] = (*image.cam_from_world.translation()).into();
+        image.cam_from_world = CameraFromWorld::from_quaternion([q.i, q.j, q.k, q.w], t).unwrap();
+    };
     for (change, cause) in [
         (inverted as fn(&mut PosedImage), InputMistake::CameraToWorld),
         (opengl, InputMistake::AxesUpAndBack),
+        (w_first, InputMistake::QuaternionOrder { w_first: true, to_world: true }),
+        (w_last, InputMistake::QuaternionOrder { w_first: false, to_world: false }),
         (doubled, InputMistake::FocalLength { percent: 200 }),
     ] {
         let stated: Vec<String> = match warnings(change) {

@@ -4,7 +4,8 @@
 //! each point position, colour and `n` times `camera key x y`. A pose is world to camera, and the camera looks along its
 //! negative z axis (`x` right, `y` up): `P = R X + t`, `p = −P / P_z`, `p' = f (1 + k₁ |p|² + k₂ |p|⁴) p`, from the middle
 //! of the image. A camera with focal length 0 has no pose. Names are in a list beside the file, in the order of the cameras:
-//! `bundle.out.list.txt`, `bundle.list.txt`, or `list.txt`; `place.list.txt` for `place.bundle.out`, as COLMAP writes them.
+//! `bundle.out.list.txt`, `bundle.list.txt`, or `list.txt`; `place.list.txt` for `place.bundle.out`, as COLMAP writes them; or
+//! the only `.lst`, as RealityCapture writes it.
 //!
 //! Source: N. Snavely, *Bundler v0.4 User's Manual*, "Output format".
 
@@ -13,7 +14,7 @@ use std::path::{Path, PathBuf};
 use veiloc_geometry::nalgebra::{Matrix3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Point3};
 
-use super::cameras::Brown;
+use super::cameras::Lens;
 use super::names::ImageNames;
 use super::posed_input::{Poses, faulty, text};
 use crate::error::MappingError;
@@ -21,7 +22,10 @@ use crate::importers::lines::Line;
 
 pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingError> {
     let list = list_of(path).ok_or_else(|| {
-        faulty(path, "has no list of image names beside it (list.txt), in the order of the cameras")
+        faulty(
+            path,
+            "has no list of image names beside it (list.txt or one .lst), in the order of the cameras",
+        )
     })?;
     let listed = text(&list)?;
     // A name may be followed by a focal length: `images/a.jpg 0 1520.5`.
@@ -39,40 +43,53 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
         return Err(faulty(path, reason));
     }
     let mut poses = Poses::default();
+    let mut without_file = Vec::new();
     // Of each camera of the file, its place among the images.
     let mut image_of = Vec::with_capacity(listed.len());
     for written in listed {
         let first = next()?;
-        let [focal, k1, k2] = first.numbers(0, "the focal length and distortion")?;
-        let rows = [next()?, next()?, next()?];
-        let mut rotation = Matrix3::zeros();
-        for (row, line) in rows.iter().enumerate() {
-            rotation.set_row(row, &Vector3::from(line.numbers::<3>(0, "a row of the rotation")?).transpose());
-        }
-        let translation = Vector3::from(next()?.numbers::<3>(0, "the translation")?);
+        let [row_1, row_2, row_3, translation] = [next()?, next()?, next()?, next()?];
         image_of.push(None);
-        if focal == 0.0 {
-            continue;
-        }
-        let Some((name, size)) = names.with_size(path, written)? else {
-            poses.without_file.push(written.to_owned());
+        let camera = first.numbers::<3>(0, "the focal length and distortion").and_then(|lens| {
+            if lens[0] == 0.0 {
+                return Ok(None);
+            }
+            let mut rotation = Matrix3::zeros();
+            for (row, line) in [&row_1, &row_2, &row_3].into_iter().enumerate() {
+                let numbers = line.numbers::<3>(0, "a row of the rotation")?;
+                rotation.set_row(row, &Vector3::from(numbers).transpose());
+            }
+            let translation = Vector3::from(translation.numbers::<3>(0, "the translation")?);
+            // The camera's axes turned by half a turn about x: right, down, forward.
+            let turn = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
+            let pose = CameraFromWorld::from_matrix(turn * rotation, turn * translation)
+                .ok_or_else(|| first.fault("the pose of this camera is no rotation"))?;
+            Ok(names.with_size(path, written)?.map(|(name, size)| (name, size, lens, pose)).or_else(|| {
+                without_file.push(written.to_owned());
+                None
+            }))
+        });
+        let Some(Some((name, size, [focal, k1, k2], pose))) = poses.keep("images", written, camera)? else {
             continue;
         };
-        // The camera's axes turned by half a turn about x: right, down, forward.
-        let turn = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
-        let pose = CameraFromWorld::from_matrix(turn * rotation, turn * translation)
-            .ok_or_else(|| first.fault("the pose of this camera is no rotation"))?;
         let principal = [0.5 * f64::from(size.0), 0.5 * f64::from(size.1)];
-        let camera = Brown { size, focal: [focal; 2], principal, k: [k1, k2, 0.0, 0.0], p: [0.0; 2] };
-        if let Some(last) = image_of.last_mut() {
-            *last = Some(poses.images.len());
+        let lens = Lens { size, focal: [focal; 2], principal, k: [k1, k2, 0.0, 0.0], ..Lens::default() };
+        if let Some(camera) = poses.keep("images", written, lens.intrinsics(path))? {
+            if let Some(last) = image_of.last_mut() {
+                *last = Some(poses.images.len());
+            }
+            poses.push(name, camera, pose, Vec::new());
         }
-        poses.push(name, camera.intrinsics(path)?, pose, Vec::new());
     }
-    for id in 0..u32::try_from(points).map_err(|_| head.fault("there are too many points"))? {
-        poses.points.push(Point3::from_vector(Vector3::from(next()?.numbers::<3>(0, "a position")?)));
-        let _color = next()?;
-        let views = next()?;
+    poses.without_file = without_file;
+    for _ in 0..u32::try_from(points).map_err(|_| head.fault("there are too many points"))? {
+        let (position, _color, views) = (next()?, next()?, next()?);
+        let place = position.place();
+        let Some(position) = poses.keep("points", &place, position.numbers::<3>(0, "a position"))? else {
+            continue;
+        };
+        let id = poses.points.len() as u32;
+        poses.points.push(Point3::from_vector(Vector3::from(position)));
         let count: usize = views.number(0, "the number of views")?;
         for view in 0..count {
             let camera: usize = views.number(1 + 4 * view, "a camera's number")?;
@@ -101,7 +118,19 @@ pub(super) fn list_of(path: &Path) -> Option<PathBuf> {
     let name =
         path.file_name().and_then(|name| name.to_str()).and_then(|name| name.strip_suffix(".bundle.out"));
     let of_colmap = name.map(|name| path.with_file_name(format!("{name}.list.txt")));
-    candidates.into_iter().chain(of_colmap).find(|list| list.is_file())
+    candidates.into_iter().chain(of_colmap).find(|list| list.is_file()).or_else(|| only_lst(path))
+}
+
+/// The only `.lst` file beside the file, as RealityCapture writes it, or that of its name.
+fn only_lst(path: &Path) -> Option<PathBuf> {
+    let own = path.with_extension("lst");
+    if own.is_file() {
+        return Some(own);
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut lists = entries.filter(|path| path.extension().is_some_and(|extension| extension == "lst"));
+    lists.next().filter(|_| lists.next().is_none())
 }
 
 /// The name at the start of a line of a list; names may contain spaces.

@@ -13,10 +13,10 @@ use std::path::{Path, PathBuf};
 use veiloc_geometry::nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion};
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 
-use super::cameras::{Brown, intrinsics};
+use super::cameras::Lens;
 use super::names::ImageNames;
 use super::posed_input::{Poses, faulty, pose_of_world_from_cam, text};
-use super::times::{Stamped, pose_at_time};
+use super::times::{Stamped, pose_images, seconds_of, tracked};
 use crate::error::MappingError;
 use crate::importers::lines::Line;
 
@@ -35,32 +35,30 @@ pub(super) fn read(folder: &Path, names: &ImageNames) -> Result<Poses, MappingEr
 
     let path = folder.join(POSES);
     let content = text(&path)?;
+    let mut poses = Poses::default();
     let mut trajectory = Vec::new();
     for line in Line::of_commas(&path, &content) {
-        let time = nanoseconds(&line)?;
-        let pose = Stamped::new(time, line.numbers(4, "the quaternion")?, line.numbers(1, "the position")?);
-        trajectory.push(pose.ok_or_else(|| line.fault("the quaternion is not a rotation"))?);
+        let pose = nanoseconds(&line).and_then(|time| {
+            let pose =
+                Stamped::new(time, line.numbers(4, "the quaternion")?, line.numbers(1, "the position")?);
+            pose.ok_or_else(|| line.fault("the quaternion is not a rotation"))
+        });
+        trajectory.extend(poses.keep("poses", &line.place(), pose)?);
     }
-    trajectory.sort_by(|a, b| a.time.total_cmp(&b.time));
+    let trajectory = tracked(trajectory, &mut poses);
 
     let path = camera_folder.join("data.csv");
     let content = text(&path)?;
     let in_camera_folder = camera_folder.join("data/data.csv");
-    let mut poses = Poses::default();
-    let mut without_pose = 0;
+    let mut images = Vec::new();
     for line in Line::of_commas(&path, &content) {
-        let time = nanoseconds(&line)?;
-        let written = line.words.get(1).copied().ok_or_else(|| line.fault("the file name is missing"))?;
-        let Some(body) = pose_at_time(&trajectory, time) else {
-            without_pose += 1;
-            continue;
-        };
-        let pose = composed(&cam_from_body, &body);
-        poses.push(names.find(&in_camera_folder, written), camera, pose, Vec::new());
+        let image = nanoseconds(&line).and_then(|time| {
+            let written = line.words.get(1).copied().ok_or_else(|| line.fault("the file name is missing"))?;
+            Ok((time, names.find(&in_camera_folder, written)))
+        });
+        images.extend(poses.keep("images", &line.place(), image)?);
     }
-    if without_pose > 0 {
-        poses.remarks.push(format!("{without_pose} images are left out: there is no pose near their times"));
-    }
+    pose_images(&mut poses, &trajectory, &images, camera, |body| composed(&cam_from_body, body));
     Ok(poses)
 }
 
@@ -85,8 +83,11 @@ fn camera_folder(folder: &Path, names: &ImageNames) -> PathBuf {
 /// The time of a line, in seconds after the first second of its nanoseconds.
 fn nanoseconds(line: &Line<'_>) -> Result<f64, MappingError> {
     // An integer first: a double has 100 ns only.
-    let time: i64 = line.number(0, "the time")?;
-    Ok(1e-9 * time as f64)
+    match line.number::<i64>(0, "the time") {
+        Ok(time) => Ok(1e-9 * time as f64),
+        // Others write decimals, or seconds.
+        Err(error) => line.numbers(0, "the time").map_err(|_| error).map(|[time]| seconds_of(time)),
+    }
 }
 
 /// `sensor.yaml`: keys with a value, or with numbers in brackets, which may go over several lines.
@@ -121,21 +122,19 @@ impl Sensor<'_> {
     fn intrinsics(&self) -> Result<Intrinsics, MappingError> {
         let [w, h] = self.array("resolution")?;
         let [fx, fy, cx, cy] = self.array("intrinsics")?;
-        let [k1, k2, p1, p2] = self.array("distortion_coefficients")?;
+        let is_fisheye = match self.value("distortion_model")? {
+            "radial-tangential" | "radtan" => false,
+            "equidistant" => true,
+            other => {
+                return Err(faulty(
+                    self.path,
+                    format!("distortion_model is {other:?}; radial-tangential and equidistant are read"),
+                ));
+            }
+        };
+        let [a, b, c, d] = self.array("distortion_coefficients")?;
+        let (k, p) = if is_fisheye { ([a, b, c, d], [0.0; 4]) } else { ([a, b, 0.0, 0.0], [c, d, 0.0, 0.0]) };
         let (size, principal) = ((w as u32, h as u32), [cx + 0.5, cy + 0.5]);
-        match self.value("distortion_model")? {
-            "radial-tangential" | "radtan" => {
-                Brown { size, focal: [fx, fy], principal, k: [k1, k2, 0.0, 0.0], p: [p1, p2] }
-                    .intrinsics(self.path)
-            }
-            "equidistant" => {
-                let params = [fx, fy, principal[0], principal[1], k1, k2, p1, p2];
-                intrinsics(self.path, "OPENCV_FISHEYE", size, &params)
-            }
-            other => Err(faulty(
-                self.path,
-                format!("distortion_model is {other:?}; radial-tangential and equidistant are read"),
-            )),
-        }
+        Lens { size, focal: [fx, fy], principal, k, p, skew: 0.0, is_fisheye }.intrinsics(self.path)
     }
 }

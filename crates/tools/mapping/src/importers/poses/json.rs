@@ -8,9 +8,42 @@ use veiloc_geometry::nalgebra::Matrix4;
 use super::posed_input::{faulty, text};
 use crate::error::MappingError;
 
-/// Reads a JSON document.
+/// Reads a JSON document. Numbers that are not finite, as Python writes them, become texts, which no reader takes for numbers.
+///
+/// # Errors
+/// The place of what is not JSON.
 pub(super) fn document(path: &Path) -> Result<Value, MappingError> {
-    serde_json::from_str(&text(path)?).map_err(|e| faulty(path, format!("is not JSON: {e}")))
+    let content = text(path)?;
+    serde_json::from_str(&content)
+        .or_else(|error| serde_json::from_str(&with_quoted_words(&content)).map_err(|_| error))
+        .map_err(|error| {
+            let (line, column) = (error.line(), error.column());
+            let message = error.to_string();
+            let reason = message.rsplit_once(" at line ").map_or(message.as_str(), |(reason, _)| reason);
+            faulty(path, format!("is not JSON: line {line} column {column}: {reason}"))
+        })
+}
+
+/// The text with quotation marks around `NaN` and `Infinity`, with a sign or not, that are outside of texts.
+fn with_quoted_words(content: &str) -> String {
+    let mut quoted = String::with_capacity(content.len());
+    let mut rest = content;
+    let (mut in_text, mut is_escaped) = (false, false);
+    while let Some(c) = rest.chars().next() {
+        let word = ["NaN", "-NaN", "Infinity", "-Infinity"].into_iter().find(|word| rest.starts_with(word));
+        if let Some(word) = word.filter(|_| !in_text) {
+            quoted.extend(["\"", word, "\""]);
+            rest = &rest[word.len()..];
+            continue;
+        }
+        if c == '"' && !is_escaped {
+            in_text = !in_text;
+        }
+        is_escaped = c == '\\' && !is_escaped;
+        quoted.push(c);
+        rest = &rest[c.len_utf8()..];
+    }
+    quoted
 }
 
 /// A value of a document, with its place for messages.
@@ -87,5 +120,34 @@ fn flatten(value: &Value, numbers: &mut Vec<f64>) -> bool {
     match value {
         Value::Array(values) => values.iter().all(|value| flatten(value, numbers)),
         value => value.as_f64().filter(|n| n.is_finite()).map(|n| numbers.push(n)).is_some(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn json_of_python_is_read_and_other_faults_have_a_place() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let read = |content: &[u8]| {
+            let path = folder.path().join("a.json");
+            std::fs::write(&path, content).expect("written");
+            document(&path).map_err(|error| error.to_string())
+        };
+        let value = read(br#"{"NaN": "\"NaN, -Infinity", "a": [NaN, -Infinity, 1]}"#).expect("JSON");
+        assert_eq!(value["NaN"], "\"NaN, -Infinity");
+        assert_eq!(value["a"], serde_json::json!(["NaN", "-Infinity", 1]));
+        let json = Json { path: Path::new("a"), value: &value, place: "" };
+        assert!(json.numbers("a").is_err());
+        let utf16: Vec<u8> = "\u{feff}{\"a\": 1}".encode_utf16().flat_map(u16::to_le_bytes).collect();
+        assert_eq!(read(&utf16).expect("JSON")["a"], 1);
+        for (content, place) in [
+            ("{\n \"a\": [1,]}", "a.json: is not JSON: line 2 column 10: trailing comma"),
+            ("{\"a\": [NaN, 1}", "line 1 column 8"),
+        ] {
+            let error = read(content.as_bytes()).expect_err("no JSON");
+            assert!(error.contains(place), "{error}");
+        }
     }
 }

@@ -21,18 +21,20 @@ pub(super) fn read(folder: &Path, names: &ImageNames) -> Result<Poses, MappingEr
     let sensors_folder = folder.join("sensors");
     let path = sensors_folder.join("sensors.txt");
     let content = text(&path)?;
-    let mut cameras: BTreeMap<&str, Intrinsics> = BTreeMap::new();
+    // Those that cannot be used matter only if an image has them.
+    let mut cameras: BTreeMap<&str, Result<Intrinsics, MappingError>> = BTreeMap::new();
     let mut poses = Poses::default();
     for line in Line::of_commas(&path, &content) {
         let [id, _, kind, model, ..] = line.words[..] else { continue };
         if kind != "camera" || model == "UNKNOWN_CAMERA" {
             continue;
         }
-        let (w, h): (f64, f64) = (line.number(4, "the width")?, line.number(5, "the height")?);
-        let params = (6..line.words.len()).map(|at| line.number(at, "a parameter of the camera"));
-        let params: Vec<f64> = params.collect::<Result<_, _>>()?;
-        let camera =
-            Intrinsics::new(model, w as u32, h as u32, &params).map_err(|e| line.fault(e.to_string()))?;
+        let camera = line.number::<f64>(4, "the width").and_then(|w| {
+            let h: f64 = line.number(5, "the height")?;
+            let params = (6..line.words.len()).map(|at| line.number(at, "a parameter of the camera"));
+            let params: Vec<f64> = params.collect::<Result<_, _>>()?;
+            Intrinsics::new(model, w as u32, h as u32, &params).map_err(|e| line.fault(e.to_string()))
+        });
         cameras.insert(id, camera);
     }
 
@@ -41,50 +43,61 @@ pub(super) fn read(folder: &Path, names: &ImageNames) -> Result<Poses, MappingEr
     // Of a sensor: the rig, and its pose in it.
     let mut rigs: BTreeMap<String, (String, CameraFromRig)> = BTreeMap::new();
     for line in Line::of_commas(&path, &content) {
-        let [rig, sensor, ..] = line.words[..] else { return Err(line.fault("a rig needs its sensor")) };
-        let pose = CameraFromRig::from_quaternion(
-            line.numbers(2, "the quaternion")?,
-            line.numbers(6, "the translation")?,
-        )
-        .ok_or_else(|| line.fault("the quaternion is not a rotation"))?;
-        rigs.insert(sensor.to_owned(), (rig.to_owned(), pose));
+        let [rig, sensor, ..] = line.words[..] else {
+            poses.leave_out("sensors of rigs", &line.place(), "a rig needs its sensor");
+            continue;
+        };
+        let pose = line.numbers(2, "the quaternion").and_then(|q| {
+            let pose = CameraFromRig::from_quaternion(q, line.numbers(6, "the translation")?);
+            pose.ok_or_else(|| line.fault("the quaternion is not a rotation"))
+        });
+        if let Some(pose) = poses.keep("sensors of rigs", sensor, pose)? {
+            rigs.insert(sensor.to_owned(), (rig.to_owned(), pose));
+        }
     }
 
     let path = sensors_folder.join("trajectories.txt");
     let content = text(&path)?;
     let mut trajectory = BTreeMap::new();
-    let mut partial = 0;
     for line in Line::of_commas(&path, &content) {
         let [time, device, rest @ ..] = &line.words[..] else {
-            return Err(line.fault("a pose needs time and device"));
+            poses.leave_out("poses", &line.place(), "a pose needs time and device");
+            continue;
         };
         // A position without an orientation, or the reverse, has empty fields.
         if rest.len() < 7 || rest.iter().take(7).any(|word| word.is_empty()) {
-            partial += 1;
+            poses.leave_out("poses", &line.place(), "they have no orientation or no position");
             continue;
         }
-        let pose = (line.numbers(2, "the quaternion")?, line.numbers(6, "the translation")?);
-        if CameraFromWorld::from_quaternion(pose.0, pose.1).is_none() {
-            return Err(line.fault("the quaternion is not a rotation"));
+        let pose = line.numbers(2, "the quaternion").and_then(|q| {
+            let t = line.numbers(6, "the translation")?;
+            let is_pose = CameraFromWorld::from_quaternion(q, t).is_some();
+            is_pose.then_some((q, t)).ok_or_else(|| line.fault("the quaternion is not a rotation"))
+        });
+        if let Some(pose) = poses.keep("poses", &line.place(), pose)? {
+            trajectory.insert((*time, *device), pose);
         }
-        trajectory.insert((*time, *device), pose);
-    }
-    if partial > 0 {
-        poses.remarks.push(format!("{partial} poses without an orientation or a position are left out"));
     }
 
     let path = sensors_folder.join("records_camera.txt");
     let content = text(&path)?;
-    let (mut no_camera, mut no_pose) = (0, 0);
     let records = sensors_folder.join("records_data/records_camera.txt");
     for line in Line::of_commas(&path, &content) {
         let [time, device, name @ ..] = &line.words[..] else {
-            return Err(line.fault("an image needs time and camera"));
+            poses.leave_out("images", &line.place(), "an image needs time and camera");
+            continue;
         };
         let name = name.join(",");
-        let Some(camera) = cameras.get(device) else {
-            no_camera += 1;
-            continue;
+        let camera = match cameras.get(device) {
+            Some(Ok(camera)) => camera,
+            Some(Err(error)) => {
+                poses.leave_out("images", &name, &error.to_string());
+                continue;
+            }
+            None => {
+                poses.leave_out("images", &name, "they are without a known camera");
+                continue;
+            }
         };
         let own = trajectory.get(&(*time, *device));
         let own = own.and_then(|(q, t)| CameraFromWorld::from_quaternion(*q, *t));
@@ -93,16 +106,10 @@ pub(super) fn read(folder: &Path, names: &ImageNames) -> Result<Poses, MappingEr
             Some(cam_from_rig.compose(&RigFromWorld::from_quaternion(*q, *t)?))
         });
         let Some(pose) = own.or(of_rig) else {
-            no_pose += 1;
+            poses.leave_out("images", &name, "they are without a pose");
             continue;
         };
         poses.push(names.find(&records, &name), *camera, pose, Vec::new());
-    }
-    if no_camera > 0 {
-        poses.remarks.push(format!("{no_camera} images without a known camera are left out"));
-    }
-    if no_pose > 0 {
-        poses.remarks.push(format!("{no_pose} images without a pose are left out"));
     }
     Ok(poses)
 }

@@ -13,21 +13,38 @@ use std::path::Path;
 use veiloc_geometry::CameraFromWorld;
 use veiloc_geometry::nalgebra::{Matrix3, Matrix4, Vector3};
 
-use super::cameras::Brown;
+use super::cameras::Lens;
 use super::names::{ImageNames, without_extension};
 use super::posed_input::{Poses, faulty, pose_of_world_from_cam, text};
+use super::times::{LOST, lost};
 use crate::error::MappingError;
 use crate::importers::lines::Line;
 
 pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingError> {
     let content = text(path)?;
+    let mut poses = Poses::default();
+    // Images are named by the number of the line, also after one that is odd.
     let mut frames = Vec::new();
-    for line in Line::all(path, &content) {
-        let rows = line.numbers::<12>(0, "a pose")?;
-        let mut matrix = Matrix4::identity();
-        matrix.fixed_view_mut::<3, 4>(0, 0).copy_from_slice(&transposed(rows));
-        let pose = pose_of_world_from_cam(&matrix);
-        frames.push(pose.ok_or_else(|| line.fault("the pose is no rotation and translation"))?);
+    for line in Line::all(path, &content).filter(|line| !line.words[0].starts_with('#')) {
+        // A line that has no numbers is perhaps no pose: then the others have other numbers.
+        for at in 0..12 {
+            line.number::<f64>(at, "a pose")?;
+        }
+        let pose = line.numbers::<12>(0, "a pose").and_then(|rows| {
+            let mut matrix = Matrix4::identity();
+            matrix.fixed_view_mut::<3, 4>(0, 0).copy_from_slice(&transposed(rows));
+            let pose = pose_of_world_from_cam(&matrix);
+            let pose = pose.ok_or_else(|| line.fault("the pose is no rotation and translation"))?;
+            Ok((pose, matrix == Matrix4::identity()))
+        });
+        frames.push(poses.keep("poses", &line.place(), pose)?);
+    }
+    let is_identity: Vec<bool> =
+        frames.iter().map(|frame| frame.is_some_and(|(_, is_identity)| is_identity)).collect();
+    let lost = lost(&is_identity);
+    for (index, frame) in frames.iter_mut().enumerate().filter(|(index, _)| lost[*index]) {
+        poses.leave_out("poses", &format!("that of frame {index}"), LOST);
+        *frame = None;
     }
     let folder = names.folder();
     let folder_name = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
@@ -35,22 +52,23 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
         folder_name.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let number = folder_name.strip_prefix("image_").and_then(|n| n.parse::<u32>().ok()).unwrap_or(0);
     let (intrinsics, cam_from_left) = calibration(path, names, number)?;
-    let mut poses = Poses::default();
-    let mut others = 0;
     for name in names.all() {
-        let stem = without_extension(name.rsplit('/').next().unwrap_or_default()).to_owned();
-        let Some(frame) = stem.parse::<usize>().ok().and_then(|index| frames.get(index)) else {
-            others += 1;
+        let stem = without_extension(name.rsplit('/').next().unwrap_or_default());
+        let frame = stem.parse::<usize>().ok().and_then(|index| frames.get(index));
+        let Some(frame) = frame else {
+            poses.leave_out("images", &name, "their names are no numbers of a pose");
             continue;
         };
-        let Some((name, size)) = names.with_size(path, &name)? else { continue };
-        let [fx, fy, cx, cy] = intrinsics;
-        let camera = Brown { size, focal: [fx, fy], principal: [cx + 0.5, cy + 0.5], ..Brown::default() };
+        let Some((frame, _)) = frame else {
+            poses.leave_out("images", &name, "their poses are left out");
+            continue;
+        };
+        let Some(found) = poses.keep("images", &name, names.with_size(path, &name))? else { continue };
+        let Some((name, size)) = found else { continue };
+        let [fx, fy, cx, cy, skew] = intrinsics;
+        let lens = Lens { size, focal: [fx, fy], principal: [cx + 0.5, cy + 0.5], skew, ..Lens::default() };
         let pose = CameraFromWorld::new(*frame.rotation(), frame.translation() + cam_from_left);
-        poses.push(name, camera.intrinsics(path)?, pose, Vec::new());
-    }
-    if others > 0 {
-        poses.remarks.push(format!("{others} images are left out: their names are no numbers of a pose"));
+        poses.push(name, lens.intrinsics(path)?, pose, Vec::new());
     }
     Ok(poses)
 }
@@ -60,12 +78,12 @@ fn transposed(rows: [f64; 12]) -> [f64; 12] {
     std::array::from_fn(|at| rows[4 * (at % 3) + at / 3])
 }
 
-/// `fx, fy, cx, cy` of a camera, and its translation from `image_0`.
+/// `fx, fy, cx, cy, skew` of a camera, and its translation from `image_0`.
 fn calibration(
     path: &Path,
     names: &ImageNames,
     number: u32,
-) -> Result<([f64; 4], Vector3<f64>), MappingError> {
+) -> Result<([f64; 5], Vector3<f64>), MappingError> {
     let folder = names.folder();
     let candidates = [
         path.with_file_name("calib.txt"),
@@ -82,7 +100,7 @@ fn calibration(
     let [fx, skew, cx, tx, zero, fy, cy, ty, _, _, _, tz] =
         line.numbers::<12>(1, "a number of the projection")?;
     let k = Matrix3::new(fx, skew, cx, zero, fy, cy, 0.0, 0.0, 1.0);
-    let inverse = k.try_inverse().filter(|_| skew == 0.0 && zero == 0.0);
-    let inverse = inverse.ok_or_else(|| line.fault("is not the projection of a camera without skew"))?;
-    Ok(([fx, fy, cx, cy], inverse * Vector3::new(tx, ty, tz)))
+    let inverse = k.try_inverse().filter(|_| zero == 0.0);
+    let inverse = inverse.ok_or_else(|| line.fault("is not the projection of a camera"))?;
+    Ok(([fx, fy, cx, cy, skew], inverse * Vector3::new(tx, ty, tz)))
 }

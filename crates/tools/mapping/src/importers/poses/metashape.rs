@@ -3,15 +3,20 @@
 //! A camera's `transform` is camera to chunk, 4 × 4 row by row, camera axes right, down, forward. `f`, `cx`, `cy` of a
 //! sensor's calibration are pixels, `cx` and `cy` from the middle of the image; `b1` is added to the horizontal focal
 //! length. Distortion is Brown's with `p1` and `p2` in the other order than OpenCV's: `x' = … + p1 (r² + 2 x²) + 2 p2 x y`.
-//! Skew (`b2`), `k4` of a frame camera and `p3`, `p4` have no model here and are refused. Labels have no folder and often no
-//! extension.
+//! Skew (`b2`), `k4` of a frame camera, `p1` and `p2` of a fisheye and `p3`, `p4` have no model here: images of sensors where
+//! they matter are left out, as are those of panoramas. Labels have no folder and often no extension; of equal labels, the
+//! folder is the label of their group.
+//!
+//! A camera of a rig (`master_id`) without a transform has that of its master, and the `rotation` and `location` of its sensor:
+//! slave to master, the location in units of the world.
 //!
 //! If the chunk, or the cameras' component, has a `transform` (rotation, translation, scale), it is applied: poses are then
 //! in Metashape's world, metres if that was referenced. Of several components, whose frames differ, the one with the most
 //! cameras is read.
 //!
 //! Source: *Agisoft Metashape User Manual*, Appendix D "Camera models", and `nerfstudio/process_data/metashape_utils.py`,
-//! which reads these files (but does not exchange `p1` and `p2`).
+//! which reads these files (but does not exchange `p1` and `p2`); rigs: Metashape Expert Manual (community), "The slave-sensor
+//! transform".
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -20,7 +25,7 @@ use roxmltree::{Document, Node};
 use veiloc_geometry::Intrinsics;
 use veiloc_geometry::nalgebra::{Matrix3, Matrix4, Vector3};
 
-use super::cameras::{Brown, intrinsics};
+use super::cameras::Lens;
 use super::names::ImageNames;
 use super::posed_input::{Poses, faulty, pose_of_world_from_cam, text};
 use crate::error::MappingError;
@@ -47,47 +52,65 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
     }
     let posed: Vec<Node<'_, '_>> = cameras(chunk).filter(|c| child(*c, "transform").is_some()).collect();
     let mut by_component: BTreeMap<&str, usize> = BTreeMap::new();
+    let mut labels: BTreeMap<&str, usize> = BTreeMap::new();
     for camera in &posed {
         *by_component.entry(camera.attribute("component_id").unwrap_or_default()).or_default() += 1;
     }
+    for camera in cameras(chunk) {
+        *labels.entry(camera.attribute("label").unwrap_or_default()).or_default() += 1;
+    }
     let largest = by_component.iter().rev().max_by_key(|(_, count)| **count);
     let component = largest.map(|(id, _)| *id).unwrap_or_default();
-    let without_pose = cameras(chunk).count() - posed.len();
-    if without_pose > 0 {
-        poses.remarks.push(format!("{without_pose} cameras without a pose are left out"));
-    }
-    let others: usize = posed.len() - by_component.get(component).copied().unwrap_or(0);
-    if others > 0 {
-        poses.remarks.push(format!("{others} cameras of other components are left out: their frames differ"));
-    }
+    let masters: BTreeMap<&str, Node<'_, '_>> =
+        posed.iter().map(|camera| (camera.attribute("id").unwrap_or_default(), *camera)).collect();
     let (world_from_chunk, scale) = file.world_from_chunk(chunk, component)?;
-    let mut lenses: BTreeMap<&str, Intrinsics> = BTreeMap::new();
-    for camera in posed {
-        if camera.attribute("component_id").unwrap_or_default() != component {
+    let mut slaves = 0;
+    for camera in cameras(chunk) {
+        let label = camera.attribute("label").unwrap_or_default();
+        let master = if child(camera, "transform").is_none() {
+            let master = camera.attribute("master_id").and_then(|id| masters.get(id));
+            let Some(master) = master else {
+                poses.leave_out("cameras", label, "they have no pose");
+                continue;
+            };
+            Some(*master)
+        } else {
+            None
+        };
+        let of_pose = master.unwrap_or(camera);
+        if of_pose.attribute("component_id").unwrap_or_default() != component {
+            poses.leave_out("cameras", label, "they are of other components, whose frames differ");
             continue;
         }
-        let label = camera.attribute("label").unwrap_or_default();
-        let id = camera.attribute("sensor_id").unwrap_or_default();
-        let lens = if let Some(lens) = lenses.get(id) {
-            *lens
-        } else {
+        let posed = file.transform(of_pose).and_then(|mut chunk_from_cam| {
+            let id = camera.attribute("sensor_id").unwrap_or_default();
             let sensor = sensors.get(id);
-            let sensor = sensor
-                .ok_or_else(|| faulty(path, format!("camera {label:?}: its sensor {id:?} is missing")))?;
-            let lens = file.lens(*sensor)?;
-            lenses.insert(id, lens);
-            lens
-        };
-        let matrix = child(camera, "transform").map(|node| file.numbers(node, label)).transpose()?;
-        let matrix: [f64; 16] = matrix
-            .and_then(|numbers| numbers.try_into().ok())
-            .ok_or_else(|| faulty(path, format!("camera {label:?}: its transform has not 16 numbers")))?;
-        let mut world_from_cam = world_from_chunk * Matrix4::from_row_slice(&matrix);
-        world_from_cam.fixed_view_mut::<3, 3>(0, 0).unscale_mut(scale);
-        let pose = pose_of_world_from_cam(&world_from_cam).ok_or_else(|| {
-            faulty(path, format!("camera {label:?}: its transform is no rotation and translation"))
-        })?;
-        poses.push(names.find(path, label), lens, pose, Vec::new());
+            let sensor = *sensor.ok_or_else(|| faulty(path, format!("their sensor {id:?} is missing")))?;
+            if let Some(master) = master {
+                let of_master = master.attribute("sensor_id").unwrap_or_default();
+                chunk_from_cam *= file.master_from_slave(sensor, of_master, scale)?;
+            }
+            let mut world_from_cam = world_from_chunk * chunk_from_cam;
+            world_from_cam.fixed_view_mut::<3, 3>(0, 0).unscale_mut(scale);
+            let pose = pose_of_world_from_cam(&world_from_cam);
+            let pose = pose.ok_or_else(|| faulty(path, "their transform is no rotation and translation"))?;
+            Ok((file.lens(sensor)?, pose))
+        });
+        if let Some((lens, pose)) = poses.keep("cameras", label, posed)? {
+            slaves += usize::from(master.is_some());
+            // Equal labels are told apart by their groups.
+            let group = camera.ancestors().find(|node| node.has_tag_name("group"));
+            let in_group =
+                group.and_then(|group| group.attribute("label")).map(|group| format!("{group}/{label}"));
+            let is_unique = labels.get(label) == Some(&1) && !names.is_ambiguous(path, label);
+            let written = in_group.filter(|_| !is_unique).unwrap_or_else(|| label.to_owned());
+            poses.push(names.find(path, &written), lens, pose, Vec::new());
+        }
+    }
+    if slaves > 0 {
+        poses.remarks.push(format!(
+            "{slaves} cameras of rigs have the pose of their master and the offset of their sensor, taken in units of the world"
+        ));
     }
     Ok(poses)
 }
@@ -124,6 +147,40 @@ impl Xml<'_> {
             [number] => Ok(number),
             _ => Err(faulty(self.path, format!("calibration: {name} is not one number"))),
         }
+    }
+
+    /// The transform of a camera.
+    fn transform(&self, camera: Node<'_, '_>) -> Result<Matrix4<f64>, MappingError> {
+        let matrix = child(camera, "transform").map(|node| self.numbers(node, "transform")).transpose()?;
+        let matrix: Option<[f64; 16]> = matrix.and_then(|numbers| numbers.try_into().ok());
+        let matrix = matrix.ok_or_else(|| faulty(self.path, "their transform has not 16 numbers"))?;
+        Ok(Matrix4::from_row_slice(&matrix))
+    }
+
+    /// The pose of a sensor in the camera of its master, in units of a chunk with this scale.
+    fn master_from_slave(
+        &self,
+        sensor: Node<'_, '_>,
+        master: &str,
+        scale: f64,
+    ) -> Result<Matrix4<f64>, MappingError> {
+        if sensor.attribute("master_id").is_some_and(|id| id != master) {
+            return Err(faulty(self.path, "their sensor and their camera have different masters"));
+        }
+        let part = |name: &str| child(sensor, name).map(|node| self.numbers(node, name)).transpose();
+        let rotation: Option<[f64; 9]> = part("rotation")?.and_then(|numbers| numbers.try_into().ok());
+        let location = match part("location")? {
+            Some(location) => Some(location),
+            None => part("translation")?,
+        };
+        let location: Option<[f64; 3]> = location.and_then(|numbers| numbers.try_into().ok());
+        let (Some(rotation), Some(location)) = (rotation, location) else {
+            let reason = "they have no transform, and their sensor has no rotation and location in the rig";
+            return Err(faulty(self.path, reason));
+        };
+        let mut matrix = Matrix3::from_row_slice(&rotation).to_homogeneous();
+        matrix.fixed_view_mut::<3, 1>(0, 3).copy_from(&(Vector3::from(location) / scale));
+        Ok(matrix)
     }
 
     /// The transform of the component, or else of the chunk, and its scale.
@@ -174,26 +231,18 @@ impl Xml<'_> {
         let focal = [number("f")? + number("b1")?, number("f")?];
         let principal = [number("cx")? + 0.5 * f64::from(w), number("cy")? + 0.5 * f64::from(h)];
         let k = [number("k1")?, number("k2")?, number("k3")?, number("k4")?];
-        for name in ["b2", "p3", "p4"] {
-            if number(name)? != 0.0 {
+        // The first two exchanged against OpenCV's.
+        let p = [number("p2")?, number("p1")?, number("p3")?, number("p4")?];
+        let kind = calibration.attribute("type").or_else(|| sensor.attribute("type")).unwrap_or("frame");
+        let is_fisheye = match kind {
+            "frame" => false,
+            "fisheye" | "equidistant_fisheye" => true,
+            other => {
                 return Err(fault(format!(
-                    "its {name} is not 0, which no camera model here has; align without it, or export undistorted images"
+                    "its type is {other:?}; frame cameras and equidistant fisheyes are read"
                 )));
             }
-        }
-        // Exchanged against OpenCV's.
-        let p = [number("p2")?, number("p1")?];
-        let kind = calibration.attribute("type").or_else(|| sensor.attribute("type")).unwrap_or("frame");
-        match kind {
-            "frame" => Brown { size: (w, h), focal, principal, k, p }.intrinsics(self.path),
-            "fisheye" | "equidistant_fisheye" if p == [0.0; 2] => {
-                let params = [focal[0], focal[1], principal[0], principal[1], k[0], k[1], k[2], k[3]];
-                intrinsics(self.path, "OPENCV_FISHEYE", (w, h), &params)
-            }
-            other => Err(fault(format!(
-                "its type is {other:?}{}; frame cameras and equidistant fisheyes without p1 and p2 are read",
-                if p == [0.0; 2] { "" } else { " with p1 or p2" }
-            ))),
-        }
+        };
+        Lens { size: (w, h), focal, principal, k, p, skew: number("b2")?, is_fisheye }.intrinsics(self.path)
     }
 }

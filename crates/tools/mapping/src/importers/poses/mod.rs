@@ -15,8 +15,9 @@
 //! | EuRoC | `mav0` | body to world, camera to body | right, down, forward | centre of the first |
 //! | AR captures | Polycam, Record3D, 3D Scanner App | camera to world | right, up, backward | corner |
 //!
-//! Each reader states its source. Images are found in the folder of the images whatever path or extension the other
-//! program gave them ([`PosedInput::images`] has names relative to that folder).
+//! Each reader states its source. What is read correctly is kept: an odd item is left out, and a remark counts it with the
+//! reason; a file is refused if nothing is left, or if its structure is damaged. Images are found in the folder of the images
+//! whatever path or extension the other program gave them ([`PosedInput::images`] has names relative to that folder).
 //!
 //! ```no_run
 //! use std::path::Path;
@@ -82,23 +83,38 @@ pub fn read_posed(path: &Path, images: &Path) -> Result<PosedInput, MappingError
     let names = ImageNames::new(images);
     let mut poses = read(&path, &names)?;
     let misplaced = names.misplaced();
-    if let Some(first) = misplaced.first().cloned() {
-        let count = misplaced.len();
-        let reason = format!(
-            "{count} images are in another folder than {}, which has other images of their names; the first is {first}",
-            images.display()
-        );
+    let names = if misplaced.is_empty() {
+        names
+    } else {
         let names = names.without(misplaced.clone());
         poses = read(&path, &names)?;
-        poses.images.retain(|image| !misplaced.contains(&image.name));
-        poses.without_file.retain(|written| !misplaced.contains(&names::cleaned(written)));
-        if poses.images.is_empty() {
-            return Err(posed_input::faulty(
-                &path,
-                format!("{reason}; give the folder that its paths are relative to"),
-            ));
+        names
+    };
+    let is_misplaced = |written: &str| misplaced.contains(&names::cleaned(written));
+    let misplaced_in = format!(
+        "they are in another folder than {}, which has other images of their names; give the folder that these paths are \
+         relative to",
+        images.display()
+    );
+    let alike_in = format!(
+        "several files in {} have their names; give the folder of one of them, or make the names unique",
+        images.display()
+    );
+    let listed = std::mem::take(&mut poses.images);
+    let without_file = std::mem::take(&mut poses.without_file);
+    for (name, image) in listed
+        .into_iter()
+        .map(|image| (image.name.clone(), Some(image)))
+        .chain(without_file.into_iter().map(|name| (name, None)))
+    {
+        match (names.alike(&name), image) {
+            _ if is_misplaced(&name) => poses.leave_out("images", &name, &misplaced_in),
+            (Some(files), _) => {
+                poses.leave_out("images", &format!("{name} ({})", files.join(", ")), &alike_in);
+            }
+            (None, Some(image)) => poses.images.push(image),
+            (None, None) => poses.without_file.push(name),
         }
-        poses.remarks.push(format!("left out: {reason}"));
     }
     poses.finish(format, path)
 }

@@ -33,6 +33,8 @@ pub(super) struct ImageNames {
     found: RefCell<BTreeMap<String, Found>>,
     /// Paths for which no file is to be found.
     left_out: BTreeSet<String>,
+    /// Paths that several files may be, and those files.
+    ambiguous: RefCell<BTreeMap<String, Vec<String>>>,
 }
 
 /// The image that a path leads to.
@@ -52,6 +54,7 @@ impl ImageNames {
             by_stem: OnceCell::new(),
             found: RefCell::default(),
             left_out: BTreeSet::new(),
+            ambiguous: RefCell::default(),
         }
     }
 
@@ -83,6 +86,17 @@ impl ImageNames {
                 || dropped.len() > 1 && of.outside.as_ref().is_some_and(is_other)
         };
         found.iter().filter(|(_, of)| is_misplaced(of)).map(|(written, _)| written.clone()).collect()
+    }
+
+    /// The files that a path may be, if there are several and it was looked up.
+    pub(super) fn alike(&self, written: &str) -> Option<Vec<String>> {
+        self.ambiguous.borrow().get(&cleaned(written)).cloned()
+    }
+
+    /// Whether several files may be the one that `file` names.
+    pub(super) fn is_ambiguous(&self, file: &Path, written: &str) -> bool {
+        let name = cleaned(written);
+        self.lookup(file, &name).is_none() && self.alike(&name).is_some()
     }
 
     /// The folder of the images.
@@ -171,7 +185,13 @@ impl ImageNames {
         match (&same[..], &alike[..]) {
             ([only], _) => Some(((*only).clone(), dropped)),
             ([], [only]) => Some((only.clone(), dropped)),
-            _ => None,
+            (same, alike) => {
+                let mut files: Vec<String> =
+                    if same.is_empty() { alike.to_vec() } else { same.iter().copied().cloned().collect() };
+                files.sort();
+                self.ambiguous.borrow_mut().insert(name.to_owned(), files);
+                None
+            }
         }
     }
 

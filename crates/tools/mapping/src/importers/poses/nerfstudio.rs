@@ -15,10 +15,10 @@
 use std::path::Path;
 
 use serde_json::Value;
-use veiloc_geometry::Intrinsics;
 use veiloc_geometry::nalgebra::{Matrix3, Matrix4};
+use veiloc_geometry::{CameraFromWorld, Intrinsics};
 
-use super::cameras::{Brown, intrinsics};
+use super::cameras::Lens;
 use super::json::{Json, document};
 use super::names::ImageNames;
 use super::posed_input::{Poses, pose_of_opengl};
@@ -34,32 +34,38 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
     for (index, frame) in frames.iter().enumerate() {
         let place = format!("frames[{index}]");
         let frame = Json { path, value: frame, place: &place };
-        let written = frame.text("file_path")?;
+        let Some(written) = poses.keep("frames", &place, frame.text("file_path"))? else { continue };
         let sized = Sized { frame, shared };
-        let (name, size) = if let Some(size) = sized.size()? {
-            (names.find(path, written), size)
-        } else if let Some(found) = names.with_size(path, written)? {
-            found
-        } else {
+        let found = sized.size().and_then(|size| match size {
+            Some(size) => Ok(Some((names.find(path, written), size))),
+            None => names.with_size(path, written),
+        });
+        let Some(found) = poses.keep("frames", &place, found)? else { continue };
+        let Some((name, size)) = found else {
             poses.without_file.push(written.to_owned());
             continue;
         };
-        let camera = sized.camera(size)?;
-        let matrix = frame.matrix("transform_matrix")?;
-        let matrix = matrix.ok_or_else(|| frame.fault("transform_matrix is missing"))?;
-        let (before_from_world, scale) = before;
-        let mut before_from_cam = before_from_world * matrix;
-        // The inverse of a transform with a scale scales the rotation, too.
-        before_from_cam.fixed_view_mut::<3, 3>(0, 0).scale_mut(scale);
-        let pose = pose_of_opengl(&before_from_cam)
-            .ok_or_else(|| frame.fault("transform_matrix is no rotation and translation"))?;
-        poses.push(name, camera, pose, Vec::new());
+        let posed = sized.camera(size).and_then(|camera| Ok((camera, pose(&frame, &before)?)));
+        if let Some((camera, pose)) = poses.keep("frames", &place, posed)? {
+            poses.push(name, camera, pose, Vec::new());
+        }
     }
     if before.0 != Matrix4::identity() {
         let remark = "applied_transform is undone: poses are in the frame of the program before nerfstudio";
         poses.remarks.push(remark.to_owned());
     }
     Ok(poses)
+}
+
+fn pose(frame: &Json<'_>, before: &(Matrix4<f64>, f64)) -> Result<CameraFromWorld, MappingError> {
+    let matrix = frame.matrix("transform_matrix")?;
+    let matrix = matrix.ok_or_else(|| frame.fault("transform_matrix is missing"))?;
+    let (before_from_world, scale) = before;
+    let mut before_from_cam = before_from_world * matrix;
+    // The inverse of a transform with a scale scales the rotation, too.
+    before_from_cam.fixed_view_mut::<3, 3>(0, 0).scale_mut(*scale);
+    pose_of_opengl(&before_from_cam)
+        .ok_or_else(|| frame.fault("transform_matrix is no rotation and translation"))
 }
 
 /// The inverse of what nerfstudio did to the poses, and its scale.
@@ -96,16 +102,21 @@ impl Sized<'_> {
     fn camera(&self, size: (u32, u32)) -> Result<Intrinsics, MappingError> {
         let (w, h) = (f64::from(size.0), f64::from(size.1));
         let of_angle = |angle: f64, side: f64| 0.5 * side / (0.5 * angle).tan();
-        let fx = match self.number("fl_x")? {
-            Some(focal) => focal,
-            None => match self.number("camera_angle_x")? {
-                Some(angle) => of_angle(angle, w),
-                None => return Err(self.frame.fault("fl_x is missing, and so is camera_angle_x")),
-            },
+        let along = |json: &Json<'_>, focal: &str, angle: &str, side: f64| -> Result<_, MappingError> {
+            Ok(match json.number(focal)? {
+                Some(focal) => Some(focal),
+                None => json.number(angle)?.map(|angle| of_angle(angle, side)),
+            })
         };
-        let fy = match self.number("fl_y")? {
+        // Both focal lengths are of the frame, or both of the document.
+        let focal_of = |json: &Json<'_>| -> Result<Option<[f64; 2]>, MappingError> {
+            let Some(fx) = along(json, "fl_x", "camera_angle_x", w)? else { return Ok(None) };
+            Ok(Some([fx, along(json, "fl_y", "camera_angle_y", h)?.unwrap_or(fx)]))
+        };
+        let focal = match focal_of(&self.frame)? {
             Some(focal) => focal,
-            None => self.number("camera_angle_y")?.map_or(fx, |angle| of_angle(angle, h)),
+            None => focal_of(&self.shared)?
+                .ok_or_else(|| self.frame.fault("fl_x is missing, and so is camera_angle_x"))?,
         };
         let or_zero = |key: &str| self.number(key).map(|number| number.unwrap_or(0.0));
         let principal = [self.number("cx")?.unwrap_or(0.5 * w), self.number("cy")?.unwrap_or(0.5 * h)];
@@ -113,28 +124,17 @@ impl Sized<'_> {
         let of = |json: &Json<'_>| json.value.get("camera_model").and_then(Value::as_str).map(str::to_owned);
         let model = of(&self.frame).or_else(|| of(&self.shared)).unwrap_or_else(|| "OPENCV".to_owned());
         let is_fisheye = self.shared.value.get("is_fisheye").and_then(Value::as_bool) == Some(true);
-        match model.as_str() {
-            "OPENCV_FISHEYE" => self.fisheye(size, [fx, fy], principal, k),
-            "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" if is_fisheye => {
-                self.fisheye(size, [fx, fy], principal, k)
+        let is_fisheye = match model.as_str() {
+            "OPENCV_FISHEYE" => true,
+            "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" => is_fisheye,
+            "SIMPLE_RADIAL" | "RADIAL" => false,
+            other => {
+                return Err(self.frame.fault(format!(
+                    "camera_model is {other:?}; OPENCV, PINHOLE and OPENCV_FISHEYE are read"
+                )));
             }
-            "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" => {
-                let p = [or_zero("p1")?, or_zero("p2")?];
-                Brown { size, focal: [fx, fy], principal, k, p }.intrinsics(self.frame.path)
-            }
-            other => Err(self
-                .frame
-                .fault(format!("camera_model is {other:?}; OPENCV, PINHOLE and OPENCV_FISHEYE are read"))),
-        }
-    }
-
-    fn fisheye(
-        &self,
-        size: (u32, u32),
-        [fx, fy]: [f64; 2],
-        [cx, cy]: [f64; 2],
-        [k1, k2, k3, k4]: [f64; 4],
-    ) -> Result<Intrinsics, MappingError> {
-        intrinsics(self.frame.path, "OPENCV_FISHEYE", size, &[fx, fy, cx, cy, k1, k2, k3, k4])
+        };
+        let p = [or_zero("p1")?, or_zero("p2")?, 0.0, 0.0];
+        Lens { size, focal, principal, k, p, skew: 0.0, is_fisheye }.intrinsics(self.frame.path)
     }
 }

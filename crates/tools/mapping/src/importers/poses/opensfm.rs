@@ -4,20 +4,20 @@
 //! A shot's pose is world to camera, `rotation` an axis times an angle, `translation` `t`: `x_cam = R x_world + t`, axes
 //! right, down, forward. Focal lengths and principal points are in units of the longer side, from the middle of the image.
 //! `perspective`, `simple_radial`, `radial` and `brown` are Brown's distortion, `fisheye` and `fisheye_opencv` that of
-//! OpenCV's fisheye. Shots of panoramas (`spherical`) are left out. With `reference_lla` the world is east, north, up
+//! OpenCV's fisheye. Shots of panoramas (`spherical`) and of
+//! other cameras are left out. With `reference_lla` the world is east, north, up
 //! about that position, metres. Of several reconstructions, whose frames differ, the one with the most shots is read.
 //!
 //! Source: OpenSfM documentation, "Dataset structure" (reconstruction file format) and "Geometric models"
 //! (`doc/source/geometry.rst`).
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde_json::Value;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
 
-use super::cameras::{Brown, intrinsics};
+use super::cameras::Lens;
 use super::json::{Json, document};
 use super::names::ImageNames;
 use super::posed_input::{Poses, down};
@@ -40,33 +40,27 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
             parts.len() - 1
         ));
     }
-    let mut cameras: BTreeMap<&str, Option<Intrinsics>> = BTreeMap::new();
-    for (id, camera) in part.get("cameras").and_then(Value::as_object).into_iter().flatten() {
-        let place = format!("camera {id}");
-        cameras.insert(id, read_camera(&Json { path, value: camera, place: &place })?);
-    }
-    let mut panoramas = 0;
+    let cameras = part.get("cameras");
     for (written, shot) in part.get("shots").and_then(Value::as_object).into_iter().flatten() {
         let place = format!("shot {written}");
         let shot = Json { path, value: shot, place: &place };
-        let camera = shot.text("camera")?;
-        let camera =
-            cameras.get(camera).ok_or_else(|| shot.fault(format!("its camera {camera:?} is missing")))?;
-        let Some(camera) = camera else {
-            panoramas += 1;
-            continue;
-        };
-        let rotation = Rotation3::new(Vector3::from(shot.array::<3>("rotation")?));
-        let pose = CameraFromWorld::new(rotation, Vector3::from(shot.array::<3>("translation")?));
-        poses.push(names.find(path, written), *camera, pose, Vec::new());
-    }
-    if panoramas > 0 {
-        poses.remarks.push(format!("{panoramas} panoramas are left out: they have no pinhole image"));
+        let posed = shot.text("camera").and_then(|id| {
+            let camera = cameras.and_then(|cameras| cameras.get(id));
+            let camera = camera.ok_or_else(|| shot.fault(format!("its camera {id:?} is missing")))?;
+            let camera = read_camera(&Json { path, value: camera, place: &format!("camera {id}") })?;
+            let rotation = Rotation3::new(Vector3::from(shot.array::<3>("rotation")?));
+            Ok((camera, CameraFromWorld::new(rotation, Vector3::from(shot.array::<3>("translation")?))))
+        });
+        if let Some((camera, pose)) = poses.keep("images", &place, posed)? {
+            poses.push(names.find(path, written), camera, pose, Vec::new());
+        }
     }
     for (id, point) in part.get("points").and_then(Value::as_object).into_iter().flatten() {
         let place = format!("point {id}");
-        let position = Json { path, value: point, place: &place }.array::<3>("coordinates")?;
-        poses.points.push(Point3::from_vector(Vector3::from(position)));
+        let position = Json { path, value: point, place: &place }.array::<3>("coordinates");
+        if let Some(position) = poses.keep("points", &place, position)? {
+            poses.points.push(Point3::from_vector(Vector3::from(position)));
+        }
     }
     // Models of images without GPS have a reference of zeros.
     let is_on_earth = |reference: &Value| {
@@ -80,16 +74,24 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
     Ok(poses)
 }
 
-/// A camera; `None` for a panorama.
-fn read_camera(camera: &Json<'_>) -> Result<Option<Intrinsics>, MappingError> {
-    let path = camera.path;
+fn read_camera(camera: &Json<'_>) -> Result<Intrinsics, MappingError> {
+    let model = camera.text("projection_type")?;
+    let is_fisheye = match model {
+        "perspective" | "simple_radial" | "radial" | "brown" => false,
+        "fisheye" | "fisheye_opencv" => true,
+        "spherical" | "equirectangular" => {
+            return Err(camera.fault("panoramas have no pinhole image"));
+        }
+        other => {
+            return Err(camera.fault(format!(
+                "its projection_type is {other:?}; perspective, simple_radial, radial, brown, fisheye and fisheye_opencv \
+                 are read"
+            )));
+        }
+    };
     let size = (camera.needed("width")? as u32, camera.needed("height")? as u32);
     let side = f64::from(size.0.max(size.1));
     let or_zero = |key: &str| camera.number(key).map(|number| number.unwrap_or(0.0));
-    let model = camera.text("projection_type")?;
-    if matches!(model, "spherical" | "equirectangular") {
-        return Ok(None);
-    }
     let fx = match camera.number("focal_x")? {
         Some(focal) => focal,
         None => camera.needed("focal")?,
@@ -99,18 +101,6 @@ fn read_camera(camera: &Json<'_>) -> Result<Option<Intrinsics>, MappingError> {
     let principal =
         [or_zero("c_x")? * side + 0.5 * f64::from(size.0), or_zero("c_y")? * side + 0.5 * f64::from(size.1)];
     let k = [or_zero("k1")?, or_zero("k2")?, or_zero("k3")?, or_zero("k4")?];
-    match model {
-        "perspective" | "simple_radial" | "radial" | "brown" => {
-            let p = [or_zero("p1")?, or_zero("p2")?];
-            Brown { size, focal, principal, k, p }.intrinsics(path).map(Some)
-        }
-        "fisheye" | "fisheye_opencv" => {
-            let params = [focal[0], focal[1], principal[0], principal[1], k[0], k[1], k[2], k[3]];
-            intrinsics(path, "OPENCV_FISHEYE", size, &params).map(Some)
-        }
-        other => Err(camera.fault(format!(
-            "its projection_type is {other:?}; perspective, simple_radial, radial, brown, fisheye and fisheye_opencv are \
-             read"
-        ))),
-    }
+    let p = [or_zero("p1")?, or_zero("p2")?, 0.0, 0.0];
+    Lens { size, focal, principal, k, p, skew: 0.0, is_fisheye }.intrinsics(camera.path)
 }

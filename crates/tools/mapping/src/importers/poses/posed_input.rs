@@ -1,12 +1,13 @@
 //! Posed images as a reader collects them and returns them, and what several readers share.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::{Matrix3, Matrix4, Vector3};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Point3};
-use veiloc_map::{GravityDirection, PosedImage, PosedImages};
+use veiloc_map::{GravityDirection, MapError, PosedImage, PosedImages};
 
 use crate::error::MappingError;
 
@@ -82,6 +83,9 @@ pub struct PosedInput {
 }
 
 /// Images and points as a reader collects them.
+///
+/// What is odd is left out and counted ([`Poses::keep`], [`Poses::leave_out`]); a reader refuses a file only if that makes
+/// all of it meaningless.
 #[derive(Debug, Default)]
 pub(super) struct Poses {
     pub(super) images: Vec<PosedImage>,
@@ -90,6 +94,19 @@ pub(super) struct Poses {
     pub(super) down: Option<GravityDirection>,
     /// Images whose size is needed and whose file does not exist, as the file names them.
     pub(super) without_file: Vec<String>,
+    pub(super) left_out: Vec<LeftOut>,
+    /// Number of items that are left out for further reasons.
+    pub(super) more_left_out: usize,
+}
+
+/// Items that are left out for one reason.
+#[derive(Debug)]
+pub(super) struct LeftOut {
+    /// What they are, in the plural.
+    items: &'static str,
+    reason: String,
+    count: usize,
+    first: String,
 }
 
 impl Poses {
@@ -103,19 +120,61 @@ impl Poses {
         self.images.push(PosedImage { name, camera, cam_from_world, seen });
     }
 
-    pub(super) fn finish(mut self, format: PoseFormat, path: PathBuf) -> Result<PosedInput, MappingError> {
-        if let Some(first) = self.without_file.first() {
-            let count = self.without_file.len();
-            let reason = format!(
-                "{count} images have no file in the folder of the images, which has their sizes; the first is {first}"
-            );
-            if self.images.is_empty() {
-                return Err(faulty(&path, format!("{reason}; check the folder of the images")));
+    /// Counts one of `items`, which is called `item`, as left out.
+    pub(super) fn leave_out(&mut self, items: &'static str, item: &str, reason: &str) {
+        let is_full = self.left_out.len() == MAX_REASONS;
+        match self.left_out.iter_mut().find(|group| group.items == items && group.reason == reason) {
+            Some(group) => group.count += 1,
+            // A long file may have another reason in each line.
+            None if is_full => self.more_left_out += 1,
+            None => self.left_out.push(LeftOut {
+                items,
+                reason: reason.to_owned(),
+                count: 1,
+                first: item.to_owned(),
+            }),
+        }
+    }
+
+    /// The value of an item; `None`, and the item is left out, if the file has something odd there.
+    ///
+    /// # Errors
+    /// A file cannot be read.
+    pub(super) fn keep<T>(
+        &mut self,
+        items: &'static str,
+        item: &str,
+        value: Result<T, MappingError>,
+    ) -> Result<Option<T>, MappingError> {
+        match value {
+            Ok(value) => Ok(Some(value)),
+            Err(MappingError::Poses { reason, .. } | MappingError::PosesLine { reason, .. }) => {
+                let reason =
+                    reason.strip_prefix(item).and_then(|rest| rest.strip_prefix(": ")).unwrap_or(&reason);
+                self.leave_out(items, item, reason);
+                Ok(None)
             }
-            self.remarks.push(format!("left out: {reason}"));
+            Err(error) => Err(error),
+        }
+    }
+
+    pub(super) fn finish(mut self, format: PoseFormat, path: PathBuf) -> Result<PosedInput, MappingError> {
+        for written in std::mem::take(&mut self.without_file) {
+            self.leave_out(
+                "images",
+                &written,
+                "they have no file in the folder of the images, which has their sizes",
+            );
+        }
+        self.leave_out_unusable();
+        self.leave_out_repeated();
+        self.remarks.extend(self.left_out.iter().map(LeftOut::to_string));
+        if self.more_left_out > 0 {
+            self.remarks.push(format!("{} more items are left out for other reasons", self.more_left_out));
         }
         if self.images.is_empty() {
-            return Err(faulty(&path, "has no image with a pose".to_owned()));
+            let why = if self.remarks.is_empty() { "" } else { ": " };
+            return Err(faulty(&path, format!("has no image with a pose{why}{}", self.remarks.join("; "))));
         }
         let images = PosedImages::new(self.images, self.points)?.with_remarks(self.remarks);
         let is_metric = match format {
@@ -126,7 +185,58 @@ impl Poses {
         };
         Ok(PosedInput { images, format, path, down: self.down, is_metric })
     }
+
+    /// Leaves out images that no map can have: without a name, or with a pose that is not finite.
+    fn leave_out_unusable(&mut self) {
+        for image in std::mem::take(&mut self.images) {
+            let alone = PosedImage { seen: Vec::new(), ..image.clone() };
+            match PosedImages::new(vec![alone], Vec::new()) {
+                Err(MapError::PosedImages { reason, .. }) => {
+                    self.leave_out("images", &image.name, &format!("each {reason}"));
+                }
+                _ => self.images.push(image),
+            }
+        }
+    }
+
+    /// Of images that are listed twice, keeps the first if all entries are equal, and none if they are not.
+    fn leave_out_repeated(&mut self) {
+        let mut entries: BTreeMap<String, Vec<PosedImage>> = BTreeMap::new();
+        let order: Vec<String> = self.images.iter().map(|image| image.name.clone()).collect();
+        for image in std::mem::take(&mut self.images) {
+            entries.entry(image.name.clone()).or_default().push(image);
+        }
+        for name in order {
+            let Some(mut of_name) = entries.remove(&name) else { continue };
+            let first = of_name.swap_remove(0);
+            let is_same = |other: &PosedImage| {
+                other.cam_from_world == first.cam_from_world && other.camera == first.camera
+            };
+            if of_name.iter().all(is_same) {
+                for _ in &of_name {
+                    self.leave_out("entries", &name, "their image is listed before with the same pose");
+                }
+                self.images.push(first);
+            } else {
+                self.leave_out(
+                    "images",
+                    &name,
+                    "several poses or cameras are given for one file; keep one of them",
+                );
+            }
+        }
+    }
 }
+
+impl fmt::Display for LeftOut {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { items, reason, count, first } = self;
+        write!(f, "{count} {items} are left out: {reason}; the first is {first}")
+    }
+}
+
+/// Number of reasons that are listed.
+const MAX_REASONS: usize = 12;
 
 /// The error for content that cannot be used.
 pub(super) fn faulty(path: &Path, reason: impl Into<String>) -> MappingError {

@@ -21,7 +21,11 @@ pub(super) fn recognize(path: &Path) -> Result<(PoseFormat, PathBuf), MappingErr
     let kind = path.metadata().map_err(MappingError::io(path))?;
     if kind.is_file() {
         let found = of_file(path)?.or_else(|| of_colmap_file(path));
-        return found.ok_or_else(|| MappingError::UnknownPoses { path: path.to_owned(), is_folder: false });
+        return match (found, unread(path)) {
+            (Some(found), _) => Ok(found),
+            (None, Some(unread)) => Err(unread),
+            (None, None) => Err(MappingError::UnknownPoses { path: path.to_owned(), is_folder: false }),
+        };
     }
     let mut found = in_folder(path)?;
     match found.len() {
@@ -60,7 +64,8 @@ fn in_folder(folder: &Path) -> Result<Vec<(PoseFormat, PathBuf)>, MappingError> 
         .collect();
     files.sort();
     let extensions = ["json", "out", "nvm", "xml", "csv", "txt", "tum", "kitti"];
-    for file in files {
+    let mut broken = None;
+    for file in &files {
         let extension = file.extension().map(|e| e.to_string_lossy().to_lowercase());
         let is_of_colmap = extension.as_deref() == Some("txt")
             && file.file_stem().is_some_and(|stem| OF_COLMAP.iter().any(|part| stem == *part));
@@ -68,12 +73,19 @@ fn in_folder(folder: &Path) -> Result<Vec<(PoseFormat, PathBuf)>, MappingError> 
         if is_of_colmap || !is_metadata && !extension.is_some_and(|e| extensions.contains(&e.as_str())) {
             continue;
         }
-        match of_file(&file)? {
+        match of_file(file) {
             // One folder of many such files.
-            Some((ScannerApp | Polycam, folder)) if found.iter().any(|(_, path)| *path == folder) => {}
-            Some(recognized) => found.push(recognized),
-            None => {}
+            Ok(Some((ScannerApp | Polycam, folder))) if found.iter().any(|(_, path)| *path == folder) => {}
+            Ok(Some(recognized)) => found.push(recognized),
+            Ok(None) => {}
+            // Another file may be the one.
+            Err(error) => broken = broken.or(Some(error)),
         }
+    }
+    if found.is_empty()
+        && let Some(error) = broken.or_else(|| files.iter().find_map(|file| unread(file)))
+    {
+        return Err(error);
     }
     // Text files of numbers are many; they count if nothing else is there.
     let is_trajectory = |(format, _): &(PoseFormat, PathBuf)| matches!(format, Tum | Kitti);
@@ -87,12 +99,22 @@ fn in_folder(folder: &Path) -> Result<Vec<(PoseFormat, PathBuf)>, MappingError> 
     Ok(found)
 }
 
-/// The format of a file by its content.
-fn of_file(path: &Path) -> Result<Option<(PoseFormat, PathBuf)>, MappingError> {
+/// The start of a file as text.
+fn head_of(path: &Path) -> std::io::Result<String> {
     let mut head = Vec::new();
-    let file = std::fs::File::open(path).map_err(MappingError::io(path))?;
-    file.take(HEAD).read_to_end(&mut head).map_err(MappingError::io(path))?;
-    let head = String::from_utf8_lossy(veiloc_map::text::without_mark(&head)).into_owned();
+    std::fs::File::open(path)?.take(HEAD).read_to_end(&mut head)?;
+    // A character may be cut.
+    Ok(veiloc_map::text::text_of(head).unwrap_or_else(|error| {
+        String::from_utf8_lossy(veiloc_map::text::without_mark(error.as_bytes())).into_owned()
+    }))
+}
+
+/// The format of a file by its content.
+///
+/// # Errors
+/// The file cannot be read, or it is JSON with a fault.
+fn of_file(path: &Path) -> Result<Option<(PoseFormat, PathBuf)>, MappingError> {
+    let head = head_of(path).map_err(MappingError::io(path))?;
     let start = head.trim_start();
     let here = |format| Some((format, path.to_owned()));
     if start.starts_with("NVM_V3") {
@@ -109,17 +131,20 @@ fn of_file(path: &Path) -> Result<Option<(PoseFormat, PathBuf)>, MappingError> {
         });
     }
     if start.starts_with('{') || start.starts_with('[') {
-        return Ok(of_json(path));
+        return of_json(path);
     }
     let first = start.lines().next().unwrap_or_default();
-    let columns: Vec<&str> = first.split(',').map(str::trim).collect();
-    if reality_capture::COLUMNS.iter().all(|column| columns.contains(column)) {
+    if reality_capture::columns(first).is_some() {
         return Ok(here(RealityCapture));
     }
-    let row = start.lines().find(|line| !line.trim_start().starts_with('#') && !line.trim().is_empty());
-    let numbers: Option<Vec<f64>> =
-        row.and_then(|row| row.split_whitespace().map(|word| word.parse().ok()).collect());
-    Ok(match numbers.map(|numbers| numbers.len()) {
+    let is_comment = |line: &&str| line.trim_start().starts_with('#') || line.trim().is_empty();
+    // The first row may be a head.
+    let rows = start.lines().filter(|line| !is_comment(line)).take(2);
+    let counts = rows.filter_map(|row| {
+        let words: Vec<&str> = row.split_whitespace().collect();
+        words.iter().all(|word| word.parse::<f64>().is_ok()).then_some(words.len())
+    });
+    Ok(match counts.take(1).next() {
         Some(8) => here(Tum),
         Some(12) => here(Kitti),
         // A Bundler file whose comment was removed.
@@ -129,23 +154,60 @@ fn of_file(path: &Path) -> Result<Option<(PoseFormat, PathBuf)>, MappingError> {
 }
 
 /// A JSON document by its fields.
-fn of_json(path: &Path) -> Option<(PoseFormat, PathBuf)> {
-    let value = super::json::document(path).ok()?;
+fn of_json(path: &Path) -> Result<Option<(PoseFormat, PathBuf)>, MappingError> {
+    let value = super::json::document(path)?;
     let has = |key: &str| value.get(key).is_some();
     let folder = || path.parent().unwrap_or(Path::new(".")).to_owned();
-    if has("frames") {
-        return Some((Nerfstudio, path.to_owned()));
-    }
-    if value.get(0).is_some_and(|first| first.get("shots").is_some()) {
-        return Some((OpenSfm, path.to_owned()));
-    }
-    if has("poses") && has("K") {
-        return Some((Record3d, path.to_owned()));
-    }
-    if has("cameraPoseARFrame") {
-        return Some((ScannerApp, folder()));
-    }
-    (has("t_00") && has("fx")).then(|| (Polycam, folder()))
+    Ok(if has("frames") {
+        Some((Nerfstudio, path.to_owned()))
+    } else if value.get(0).is_some_and(|first| first.get("shots").is_some()) {
+        Some((OpenSfm, path.to_owned()))
+    } else if has("poses") && has("K") {
+        Some((Record3d, path.to_owned()))
+    } else if has("cameraPoseARFrame") {
+        Some((ScannerApp, folder()))
+    } else {
+        (has("t_00") && has("t_23")).then(|| (Polycam, folder()))
+    })
+}
+
+/// Marks (without spaces) at the start of files with poses that are not read: what the file is, and what to do.
+const UNREAD: [(&str, &str, &str); 5] = [
+    (
+        "SQLiteformat3",
+        "COLMAP's database",
+        "it has no poses: give the folder of the model that COLMAP's mapper wrote (sparse/0)",
+    ),
+    (
+        "\"sfm_data_version\"",
+        "a model of OpenMVG",
+        "convert it with openMVG_main_openMVG2Colmap and give the COLMAP model",
+    ),
+    (
+        "\"featuresFolders\"",
+        "a model of Meshroom",
+        "convert it with aliceVision_exportColmap and give the COLMAP model",
+    ),
+    (
+        "timestamp,frame,x,y,z,qx,qy,qz,qw",
+        "the odometry of Stray Scanner",
+        "write it as a trajectory of TUM (time x y z qx qy qz qw), with the camera of camera_matrix.csv in cameras.txt",
+    ),
+    (
+        "\"img_name\"",
+        "the list of cameras of a gaussian splatting model",
+        "give the COLMAP model or the transforms.json that it was trained on",
+    ),
+];
+
+/// The error for a file with poses of a program that is known and not read.
+fn unread(path: &Path) -> Option<MappingError> {
+    let head = head_of(path).ok()?.replace(' ', "");
+    let is_meshroom = path.extension().is_some_and(|extension| extension == "sfm");
+    let (_, what, remedy) = UNREAD
+        .into_iter()
+        .find(|(mark, what, _)| head.contains(mark) || is_meshroom && what.ends_with("Meshroom"))?;
+    Some(MappingError::UnreadPoses { path: path.to_owned(), what, remedy })
 }
 
 /// The folder of a model by one of its files.

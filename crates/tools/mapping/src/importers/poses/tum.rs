@@ -3,7 +3,8 @@
 //!
 //! The camera is the only one of `cameras.txt` (COLMAP's text) beside the trajectory. The time of an image is that of the
 //! list `rgb.txt` beside the trajectory (`time path`) if there is one, or else that of its name. Poses are interpolated
-//! between two that are at most 0.2 s apart; without those, the nearest counts within 0.02 s.
+//! between two that are at most 0.2 s apart; without those, the nearest counts within 0.02 s. Times of 13 digits and more are
+//! milliseconds, microseconds or nanoseconds. If a comment says `qw qx qy qz`, that is the order.
 //!
 //! Source: TUM Computer Vision Group, *RGB-D SLAM Dataset and Benchmark*, "File Formats", and its `associate.py`.
 
@@ -13,45 +14,47 @@ use veiloc_geometry::Intrinsics;
 
 use super::names::ImageNames;
 use super::posed_input::{Poses, faulty, text};
-use super::times::{Stamped, pose_at_time, time_of};
+use super::times::{Stamped, pose_images, seconds_of, time_of, tracked};
 use crate::error::MappingError;
 use crate::importers::lines::Line;
 
 pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingError> {
     let content = text(path)?;
+    let mut poses = Poses::default();
+    let is_w_first = content.lines().take(8).any(|line| line.to_lowercase().contains("qw qx qy qz"));
+    if is_w_first {
+        poses.remarks.push("quaternions are read as qw qx qy qz, as the head of the file says".to_owned());
+    }
     let mut trajectory = Vec::new();
     for line in Line::all(path, &content).filter(|line| !line.words[0].starts_with('#')) {
-        let [time, x, y, z, qx, qy, qz, qw] = line.numbers(0, "a pose")?;
-        let pose = Stamped::new(time, [qw, qx, qy, qz], [x, y, z]);
-        trajectory.push(pose.ok_or_else(|| line.fault("the quaternion is not a rotation"))?);
+        let pose = line.numbers(0, "a pose").and_then(|[time, x, y, z, a, b, c, d]| {
+            let wxyz = if is_w_first { [a, b, c, d] } else { [d, a, b, c] };
+            let pose = Stamped::new(seconds_of(time), wxyz, [x, y, z]);
+            pose.ok_or_else(|| line.fault("the quaternion is not a rotation"))
+        });
+        trajectory.extend(poses.keep("poses", &line.place(), pose)?);
     }
-    trajectory.sort_by(|a, b| a.time.total_cmp(&b.time));
+    let trajectory = tracked(trajectory, &mut poses);
     let camera = only_camera(path)?;
-    let images = timed_images(path, &path.with_file_name("rgb.txt"), names)?;
-    let mut poses = Poses::default();
-    let mut without_pose = 0;
-    for (time, name) in images {
-        match pose_at_time(&trajectory, time) {
-            Some(pose) => poses.push(name, camera, pose.cam_from_world(), Vec::new()),
-            None => without_pose += 1,
-        }
-    }
-    if without_pose > 0 {
-        poses
-            .remarks
-            .push(format!("{without_pose} images are left out: the trajectory has no pose near their times"));
-    }
+    let images = timed_images(path, &path.with_file_name("rgb.txt"), names, &mut poses)?;
+    pose_images(&mut poses, &trajectory, &images, camera, Stamped::cam_from_world);
     Ok(poses)
 }
 
 /// The images of a list with times, or the images of the folder with the times of their names, sorted by time.
-fn timed_images(path: &Path, list: &Path, names: &ImageNames) -> Result<Vec<(f64, String)>, MappingError> {
+fn timed_images(
+    path: &Path,
+    list: &Path,
+    names: &ImageNames,
+    poses: &mut Poses,
+) -> Result<Vec<(f64, String)>, MappingError> {
     let mut images = Vec::new();
     if list.is_file() {
         let content = text(list)?;
         for line in Line::all(list, &content).filter(|line| !line.words[0].starts_with('#')) {
-            let [time] = line.numbers(0, "the time")?;
-            images.push((time, names.find(list, &line.words[1..].join(" "))));
+            if let Some([time]) = poses.keep("images", &line.place(), line.numbers(0, "the time"))? {
+                images.push((seconds_of(time), names.find(list, &line.words[1..].join(" "))));
+            }
         }
     } else {
         let all = names.all();

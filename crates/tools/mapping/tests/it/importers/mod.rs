@@ -1,4 +1,5 @@
 //! Tests of `importers`.
 
 mod hloc;
+mod odd_poses;
 mod poses;
