@@ -51,14 +51,12 @@ pub(super) fn seal_panorama(
             Err(error) => last_fault = Some(extraction_error(&error)),
         }
     }
-    match (files.is_empty(), last_fault) {
-        (true, Some(fault)) => Ok(Err(fault)),
-        _ => {
-            // Last: without it the others are no answerable query.
-            files.push((RIG.to_owned(), rig_file::fixed(&frames)?));
-            Ok(Ok(SealedFiles { files, focal: FocalKnowledge::Calibrated, found, sent, result: Some(RIG) }))
-        }
+    if let Some(fault) = last_fault.filter(|_| files.is_empty()) {
+        return Ok(Err(fault));
     }
+    // Last: without it the others are no answerable query.
+    files.push((RIG.to_owned(), rig_file::fixed(&frames)?));
+    Ok(Ok(SealedFiles { files, focal: FocalKnowledge::Calibrated, found, sent, result: Some(RIG) }))
 }
 
 fn faces(
