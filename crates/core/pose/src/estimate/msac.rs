@@ -17,13 +17,10 @@ use crate::likelihood::{
 use crate::options::PoseOptions;
 use crate::ransac::minimal::Minimal;
 use crate::ransac::{Estimator, Stop, lo_ransac};
+use crate::rig::{FINAL_STEPS, LADDER, LADDER_STEPS};
 
 /// The threshold in multiples of the corresponding noise: the likelihood of its evidence uses this noise.
 const THRESHOLD_IN_NOISE: f64 = 2.5;
-
-/// Shrinking thresholds of local optimisation, in multiples of the final one, and steps at each.
-const LADDER: [f64; 3] = [4.0, 2.0, 1.0];
-const LADDER_STEPS: usize = 4;
 
 /// More correspondences than this are thinned out evenly in local optimisation.
 const DESCENT_LIMIT: usize = 800;
@@ -31,9 +28,6 @@ const DESCENT_LIMIT: usize = 800;
 /// Subsets of the inliers tried in local optimisation, and their size.
 const SUBSETS: usize = 8;
 const SUBSET_SIZE: usize = 14;
-
-/// Steps of the final refinement.
-const FINAL_STEPS: usize = 25;
 
 struct Search<'a> {
     matches: &'a Matches<'a>,

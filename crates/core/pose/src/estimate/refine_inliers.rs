@@ -7,9 +7,7 @@ use crate::error::PoseError;
 use crate::estimate::pose_estimate::PoseEstimate;
 use crate::likelihood::{Loss, Matches, PoseProblem, inverse_or_infinite, linearize, refine};
 use crate::options::PoseOptions;
-
-/// Steps of Levenberg–Marquardt.
-const STEPS: usize = 50;
+use crate::rig::FINAL_STEPS;
 
 /// Refines a pose on correspondences that are known to be right.
 ///
@@ -34,7 +32,7 @@ pub fn refine_pose(
         return Err(PoseError::TooFew { required, actual: chosen.len() });
     }
     let matches = Matches::new(problem, options.expected_inlier_ratio);
-    let refined = refine(&matches, &chosen, Loss::Squared, start, STEPS);
+    let refined = refine(&matches, &chosen, Loss::Squared, start, FINAL_STEPS);
     let system = linearize(&matches, &chosen, Loss::Squared, &refined.pose);
     let freedom = (matches.residuals() * chosen.len()).saturating_sub(6).max(1);
     let variance = 2.0 * system.loss / freedom as f64;

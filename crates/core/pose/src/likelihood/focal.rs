@@ -8,11 +8,8 @@
 use crate::likelihood::camera::{CAMERA, PoseWithCamera};
 use crate::likelihood::problem::{Correspondences, FocalPrior};
 
-/// A calibrated focal length is contradicted by at least this gain in log likelihood ...
+/// A calibrated focal length is contradicted by at least this gain in log likelihood.
 const MIN_GAIN: f64 = 3.5;
-
-/// ... and at least this change of its logarithm.
-const MIN_CHANGE: f64 = 0.002;
 
 /// Smaller changes are caused by ignored lens distortion or by errors of the map's own calibration: correcting them in
 /// the query alone would make query and map inconsistent. The pose is then not changed, and its covariance includes the
@@ -63,9 +60,9 @@ impl FocalVerdict {
         MIN_GAIN + each.sum::<f64>()
     }
 
-    /// Whether a linearized step of the logarithm of the focal length gains enough to refine it.
-    pub fn warrants_refinement(gain: f64, log_step: f64) -> bool {
-        gain > MIN_GAIN && log_step.abs() > MIN_CHANGE
+    /// Whether a linearized step of the focal length gains enough to refine it.
+    pub fn warrants_refinement(gain: f64) -> bool {
+        gain > MIN_GAIN
     }
 
     /// From the gain of another focal length, and the required gain ([`Self::min_gain`]).
@@ -73,7 +70,7 @@ impl FocalVerdict {
         let change = other.change.0[0].abs();
         if gain > min_gain && change > MIN_WRONG_CHANGE {
             Self::Wrong
-        } else if gain > MIN_GAIN && change > MIN_CHANGE {
+        } else if gain > MIN_GAIN {
             Self::Suspicious { other: *other, gain }
         } else {
             Self::Fine

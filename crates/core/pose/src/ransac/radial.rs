@@ -18,12 +18,8 @@ use crate::likelihood::{Correspondences, Matches, median_point, promising_first}
 use crate::ransac::half_planes::{direction, half_planes};
 use crate::ransac::sampler::{WeightedSampler, draw, pick};
 
-/// A radial pose is completed when its score comes this close to the best radial score of its side: initially within 20
-/// %, closer as more poses of the side have been completed.
+/// A radial pose is completed when its score comes this close to the best radial score of its side.
 const SLACK: f64 = 0.2;
-
-/// Completed poses after which the slack is halved.
-const SLACK_HALVED_AFTER: f64 = 32.0;
 
 /// Half width of a vote, in multiples of the noise.
 const VOTE_WIDTH: f64 = 1.5;
@@ -72,7 +68,6 @@ struct Side {
     /// Movement of lines in the middle of the image, pixels per radian.
     radius: f64,
     best: f64,
-    completed: usize,
 }
 
 /// Range of depths at which a line of another anchor agrees.
@@ -129,7 +124,6 @@ impl RadialVote {
                 lanes: RadialLanes::new(blocks),
                 radius,
                 best: 0.0,
-                completed: 0,
             }
         };
         let mut sides: Vec<Side> = pencils.anchors().map(side).collect();
@@ -169,14 +163,12 @@ impl RadialVote {
         let k = (side.radius / self.noise).powi(2) / matches.freedom();
         for pose in poses {
             let side = &mut self.sides[chosen];
-            let slack = SLACK / (1.0 + side.completed as f64 / SLACK_HALVED_AFTER);
-            let least = (1.0 - slack) * side.best;
+            let least = (1.0 - SLACK) * side.best;
             let rows = rows(&pose, &self.center);
             let score = f64::from(side.lanes.score(self.backend, &rows, k as f32, least as f32));
             if !(score > least) {
                 continue;
             }
-            side.completed += 1;
             side.best = side.best.max(score);
             let completed = self.complete(matches, chosen, &pose);
             if completed.is_none() || self.sides[chosen].one_sided {

@@ -309,7 +309,7 @@ impl FocalObjective<'_> {
         let given = (poses.clone(), CameraChange::default());
         let here = self.linearize(&given);
         let Some(step) = here.damped_step(self.constraints, 0.0) else { return FocalVerdict::Fine };
-        if !FocalVerdict::warrants_refinement(step.promised, step.of_camera()[0]) {
+        if !FocalVerdict::warrants_refinement(step.promised) {
             return FocalVerdict::Fine;
         }
         let there = self.refine(given.clone());

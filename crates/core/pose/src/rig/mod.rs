@@ -26,3 +26,5 @@ pub use estimate::{FrameEstimate, RigEstimate};
 pub use frame::RigFrame;
 pub(crate) use images::Images;
 pub(crate) use lens::JUMP_HANDICAP;
+pub(crate) use polish::FINAL_STEPS;
+pub(crate) use search::{LADDER, LADDER_STEPS};

@@ -18,7 +18,7 @@ const ROUND_STEPS: usize = 3;
 const NOISE_RANGE: [f64; 2] = [0.05, 1.5];
 
 /// Steps of the last refinement, in double precision.
-const FINAL_STEPS: usize = 25;
+pub(crate) const FINAL_STEPS: usize = 25;
 
 /// A step of the last refinement that gains less than this share ends it.
 const FINAL_GAIN: f64 = 1e-9;

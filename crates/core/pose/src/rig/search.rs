@@ -14,10 +14,10 @@ use crate::ransac::sampler::WeightedSampler;
 use crate::ransac::{Budget, Estimator, RansacResult, Stop, lo_ransac};
 
 /// Shrinking scales of local optimisation, in multiples of the final one.
-const LADDER: [f64; 3] = [4.0, 2.0, 1.0];
+pub(crate) const LADDER: [f64; 3] = [4.0, 2.0, 1.0];
 
 /// Steps at each scale.
-const LADDER_STEPS: usize = 4;
+pub(crate) const LADDER_STEPS: usize = 4;
 
 /// A step of local optimisation that gains less than this share ends it.
 const COARSE_GAIN: f64 = 1e-4;
