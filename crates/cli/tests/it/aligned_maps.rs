@@ -257,7 +257,19 @@ fn a_fit_that_is_not_to_be_believed_is_refused() {
     assert!(number(&info["accuracy"]["scale"]) < 1e-6, "{info}");
     assert_eq!(info["down"], serde_json::json!([0.0, 0.0, -1.0]), "{info}");
     assert!(scene.run("map info right.vmap").stdout.contains("aligned     scale ±"));
-    // A change of frame by other means has no such ±.
+    // The fit to another map has a ±, too; leveling keeps that of the scale.
     scene.run("map align right.vmap --to-map place.vmap --no-self-test -o back.vmap").succeeded();
-    assert!(scene.run("map info back.vmap --json").json()["accuracy"].is_null());
+    let info = scene.run("map info back.vmap --json").json();
+    let scale = number(&info["accuracy"]["scale"]);
+    assert!(scale > 0.0 && scale < 0.05, "{info}");
+    scene.run("map align back.vmap --level --down 0,0,-1 --no-self-test -o level.vmap").succeeded();
+    assert_eq!(scene.run("map info level.vmap --json").json()["accuracy"]["scale"], scale);
+
+    // Two maps that know different directions of gravity.
+    let build =
+        "map build --posed posed --images images --list map.txt --down 0,1,0 --no-self-test -o sideways.vmap";
+    scene.run(&format!("{build} {}", EXTRACTION.join(" "))).succeeded();
+    let run = scene.run("map align right.vmap --to-map sideways.vmap --no-self-test -o wrong.vmap");
+    assert!(run.code == Some(1) && run.stderr.contains("90° apart"), "{run}");
+    assert!(!scene.path("wrong.vmap").exists());
 }

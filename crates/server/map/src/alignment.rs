@@ -16,6 +16,19 @@ pub struct AlignmentAccuracy {
 }
 
 impl AlignmentAccuracy {
+    /// The accuracy after a transform to a frame that is known to `other`.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        let (position, _) = other.at(self.center);
+        Self {
+            scale: self.scale.hypot(other.scale),
+            tilt_deg: self.tilt_deg.hypot(other.tilt_deg),
+            heading_deg: self.heading_deg.hypot(other.heading_deg),
+            position: self.position.hypot(position * 3.0_f64.sqrt()),
+            center: self.center,
+        }
+    }
+
     /// As the map file stores it.
     pub(crate) const fn numbers(&self) -> [f64; 7] {
         let [x, y, z] = self.center;

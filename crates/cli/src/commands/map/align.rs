@@ -6,7 +6,7 @@ use std::str::FromStr;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_map::{AlignmentAccuracy, GravityDirection, GravityDirectionError, MapFile, MapModel};
 use veiloc_mapping::Similarity3;
-use veiloc_mapping::align::{self, Alignment, AlignmentFault, KnownPosition, KnownPositions, MapUp};
+use veiloc_mapping::align::{self, AlignmentFault, KnownPosition, KnownPositions, MapUp};
 
 use super::alignment::AlignmentInfo;
 use super::edit::MapEdit;
@@ -124,12 +124,22 @@ fn find(args: &AlignArgs, model: &MapModel, out: &Path, ui: &Ui) -> Result<Found
     if let Some(reference) = &args.to_map {
         let reference = MapFile::open(reference)?.to_model();
         let frame = align::align_to_map(model, &reference, &Stages::new(ui))?;
+        let accuracy = align::accuracy_in_map(model, &frame, reference.alignment);
+        let info = AlignmentInfo::of_coordinate_frame(&frame).with_accuracy(Some(accuracy));
+        judge(
+            args,
+            &align::faults_in_map(model, &frame, &reference),
+            &info,
+            unit_of(reference.is_metric),
+            out,
+            ui,
+        )?;
         return Ok(Found {
             similarity: frame.map_from_given,
-            info: AlignmentInfo::of_coordinate_frame(&frame),
+            info,
             is_metric: reference.is_metric,
             down: reference.down,
-            accuracy: reference.alignment,
+            accuracy: Some(accuracy),
         });
     }
     if args.level {
@@ -144,7 +154,7 @@ fn find(args: &AlignArgs, model: &MapModel, out: &Path, ui: &Ui) -> Result<Found
         alignment.faults.extend(align::implausible_metres(model, alignment.new_from_map.scale));
     }
     let info = AlignmentInfo::of_positions(&alignment, &known);
-    judge(args, &alignment, &info, out, ui)?;
+    judge(args, &alignment.faults, &info, unit_of(args.gps.is_some() || args.metres), out, ui)?;
     Ok(Found {
         similarity: alignment.new_from_map,
         info,
@@ -157,22 +167,23 @@ fn find(args: &AlignArgs, model: &MapModel, out: &Path, ui: &Ui) -> Result<Found
 /// Refuses a fit that is not to be believed.
 fn judge(
     args: &AlignArgs,
-    alignment: &Alignment,
+    faults: &[AlignmentFault],
     info: &AlignmentInfo,
+    unit: &str,
     out: &Path,
     ui: &Ui,
 ) -> Result<(), Failure> {
-    if alignment.faults.is_empty() {
+    if faults.is_empty() {
         return Ok(());
     }
-    let faults: Vec<String> = alignment.faults.iter().map(AlignmentFault::to_string).collect();
+    let faults: Vec<String> = faults.iter().map(AlignmentFault::to_string).collect();
     if args.accept_fit {
         for fault in &faults {
             ui.warn(format_args!("warning: {fault}"));
         }
         return Ok(());
     }
-    info.print_fit(unit_of(args.gps.is_some() || args.metres), ui);
+    info.print_fit(unit, ui);
     Err(Failure::with_help(
         format!("{}: not written: the fit is not to be believed: {}", out.display(), faults.join("; ")),
         "correct the positions, or write the map all the same with --accept-fit",
@@ -180,8 +191,8 @@ fn judge(
 }
 
 fn level(model: &MapModel, ui: &Ui) -> Result<Found, Failure> {
-    let up = if let Some(down) = model.down {
-        -Vector3::from(down.in_world())
+    let (up, sd_deg) = if let Some(up) = MapUp::of_gravity(model) {
+        (up.direction, up.sd_deg)
     } else {
         let found = align::up_of_images(model)?;
         let on_side = match found.on_side {
@@ -193,15 +204,21 @@ fn level(model: &MapModel, ui: &Ui) -> Result<Found, Failure> {
             found.sd_deg * std::f64::consts::SQRT_2,
             found.tilt_deg
         ));
-        found.direction
+        (found.direction, found.sd_deg)
     };
     let similarity = align::level(&up);
+    // Of an earlier alignment all but the tilt stays.
+    let accuracy = model.alignment.map(|before| AlignmentAccuracy {
+        tilt_deg: sd_deg * std::f64::consts::SQRT_2,
+        center: similarity.transform(&Vector3::from(before.center)).into(),
+        ..before
+    });
     Ok(Found {
         similarity,
-        info: AlignmentInfo::of(&similarity),
+        info: AlignmentInfo::of(&similarity).with_accuracy(accuracy),
         is_metric: model.is_metric,
         down: Some(GravityDirection::MINUS_Z),
-        accuracy: None,
+        accuracy,
     })
 }
 

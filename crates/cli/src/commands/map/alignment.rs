@@ -121,6 +121,11 @@ impl AlignmentInfo {
         Self { localized: Some(frame.localized), ..Self::of(&frame.map_from_given) }
     }
 
+    /// With how well the new coordinate frame is known.
+    pub(super) fn with_accuracy(self, accuracy: Option<AlignmentAccuracy>) -> Self {
+        Self { accuracy: accuracy.map(AccuracyInfo::from), ..self }
+    }
+
     /// What was fitted, and the distance of each position.
     pub(super) fn print(&self, unit: &str, ui: &Ui) {
         self.print_fit(unit, ui);

@@ -24,6 +24,11 @@ pub enum AlignmentFault {
         /// Angle between them, degrees.
         angle_deg: f64,
     },
+    /// Two maps that are fitted to each other know different directions of gravity.
+    Gravity {
+        /// Angle between them, degrees.
+        angle_deg: f64,
+    },
     /// Most positions repeat others.
     Repeated {
         /// How many do.
@@ -74,13 +79,30 @@ pub enum AlignmentFault {
     },
 }
 
+impl AlignmentFault {
+    /// Of the relative standard deviation of a scale.
+    pub(super) fn of_scale(sd: f64) -> Option<Self> {
+        (sd.is_nan() || sd > MAX_SCALE_SD).then_some(Self::Scale { sd })
+    }
+
+    /// Of the angle between the directions of gravity of two maps.
+    pub(super) fn of_gravity(angle_deg: f64) -> Option<Self> {
+        (angle_deg > MAX_UP_DEG).then_some(Self::Gravity { angle_deg })
+    }
+}
+
 impl fmt::Display for AlignmentFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Scale { sd } => write!(
                 f,
-                "the scale is known to ± {:.0} % only: the positions are too inaccurate for a place of this size",
+                "the scale is known to ± {:.0} % only: too inaccurate for a place of this size",
                 100.0 * sd
+            ),
+            Self::Gravity { angle_deg } => write!(
+                f,
+                "the directions of gravity that the two maps know are {angle_deg:.0}° apart after the fit; correct the wrong one \
+                 with `map build --down` or `map align --level --down`"
             ),
             Self::Up { angle_deg } => write!(
                 f,
@@ -161,10 +183,7 @@ impl Judge<'_> {
         if found.rms > MAX_DISTANCES * extent {
             faults.push(AlignmentFault::Distances { rms: found.rms, extent });
         }
-        let sd = found.covariance[(0, 0)].sqrt();
-        if sd.is_nan() || sd > MAX_SCALE_SD {
-            faults.push(AlignmentFault::Scale { sd });
-        }
+        faults.extend(AlignmentFault::of_scale(found.covariance[(0, 0)].sqrt()));
         faults.extend(self.heights());
         faults.extend(self.up());
         faults.extend(self.mirrored());

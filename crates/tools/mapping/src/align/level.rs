@@ -39,11 +39,16 @@ impl MapUp {
     /// The opposite of the direction of gravity that a map has, or, for lack of it, of the images; `None` if they do not show
     /// it.
     pub fn of(model: &MapModel) -> Option<Self> {
-        if let Some(down) = model.down {
-            return Some(Self { direction: -Vector3::from(down.in_world()), sd_deg: KNOWN_DOWN_SD_DEG });
-        }
-        let found = up_of_images(model).ok()?;
-        Some(Self { direction: found.direction, sd_deg: found.sd_deg })
+        Self::of_gravity(model).or_else(|| {
+            let found = up_of_images(model).ok()?;
+            Some(Self { direction: found.direction, sd_deg: found.sd_deg })
+        })
+    }
+
+    /// The opposite of the direction of gravity that a map has.
+    pub fn of_gravity(model: &MapModel) -> Option<Self> {
+        let direction = -Vector3::from(model.down?.in_world());
+        Some(Self { direction, sd_deg: KNOWN_DOWN_SD_DEG })
     }
 }
 

@@ -162,6 +162,39 @@ pub fn align_to_map(
     common_coordinate_frame(model, reference, MAX_TESTED, progress)
 }
 
+/// How well the coordinate frame of a map is known that was aligned to another map: by the fit, and by what is known of the other.
+pub fn accuracy_in_map(
+    model: &MapModel,
+    frame: &OtherCoordinateFrame,
+    reference: Option<AlignmentAccuracy>,
+) -> AlignmentAccuracy {
+    let count = model.images.len().max(1) as f64;
+    let centers = model.images.iter().map(|image| image.cam_from_world.center().coords);
+    let own = AlignmentAccuracy {
+        // Without one, all of the scale is guessed.
+        scale: frame.scale_sd.map_or(1.0, |sd| sd / frame.map_from_given.scale),
+        tilt_deg: frame.angle_sd_deg * (2.0_f64 / 3.0).sqrt(),
+        heading_deg: frame.angle_sd_deg / 3.0_f64.sqrt(),
+        position: frame.distance_sd * 3.0_f64.sqrt(),
+        center: frame.map_from_given.transform(&(centers.sum::<Vector3<f64>>() / count)).into(),
+    };
+    reference.map_or(own, |reference| own.and(reference))
+}
+
+/// What speaks against a fit to another map.
+pub fn faults_in_map(
+    model: &MapModel,
+    frame: &OtherCoordinateFrame,
+    reference: &MapModel,
+) -> Vec<AlignmentFault> {
+    let scale = AlignmentFault::of_scale(accuracy_in_map(model, frame, None).scale);
+    let up = model.down.zip(reference.down).and_then(|(own, other)| {
+        let turned = frame.map_from_given.rotation * Vector3::from(own.in_world());
+        AlignmentFault::of_gravity(turned.angle(&Vector3::from(other.in_world())).to_degrees())
+    });
+    scale.into_iter().chain(up).collect()
+}
+
 /// The rotation that makes an up direction `z`.
 pub fn level(up: &Vector3<f64>) -> Similarity3 {
     Similarity3 { rotation: rotation_to_z(up), ..Similarity3::identity() }
