@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use veiloc_geometry::Intrinsics;
 use veiloc_map::PosedImages;
 use veiloc_mapping::structure_from_motion::{
     SfmMatching, SfmOptions, SfmReport, frames_of_video, reconstruct,
@@ -42,6 +43,9 @@ enum Matching {
     Exhaustive,
     Sequential,
 }
+
+/// Focal lengths of cameras that are used for maps, of the longer side of their images.
+const PLAUSIBLE: std::ops::RangeInclusive<f64> = 0.2..=8.0;
 
 /// Images without a pose that are listed.
 const SHOWN: usize = 20;
@@ -148,6 +152,18 @@ impl SfmArgs {
             "{} cameras were estimated; `veiloc map info --images` lists them. Give a query the one that took it, with --camera.",
             cameras.len()
         ));
+        }
+        let longer = |camera: &Intrinsics| f64::from(camera.width.max(camera.height));
+        let is_implausible =
+            |camera: &Intrinsics| !PLAUSIBLE.contains(&(camera.pinhole().mean_focal() / longer(camera)));
+        let images = report.posed.images();
+        if let Some(first) = images.iter().find(|image| is_implausible(&image.camera)) {
+            let count = images.iter().filter(|image| is_implausible(&image.camera)).count();
+            ui.warn(format_args!(
+                "warning: the estimated camera of {count} images ({} is one) is hardly possible: {}. Are images of one camera cut, or of \
+                 several zooms? Leave those out with --list; poses in this map may be wrong",
+                first.name, first.camera
+            ));
         }
         if !report.others.is_empty() {
             let listed: Vec<String> = report

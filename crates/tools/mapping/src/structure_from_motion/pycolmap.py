@@ -14,6 +14,7 @@ import tempfile
 import threading
 from pathlib import Path
 
+import numpy as np
 import pycolmap
 
 # Frames of a video between which all pairs are matched, too, so that its path is closed where it returns.
@@ -25,6 +26,14 @@ MAX_SHIFT = 0.03
 
 # Decrease of the squared error, in variances of an observation, from which on the estimate is taken.
 MIN_DECREASE = 100.0
+
+# Images of one camera are of several zooms if a camera for each image decreases the squared error by this many variances an image,
+# and logarithms of their focal lengths are this far apart. Of 24 images of one camera it was 24, of two zooms of it 396.
+MIN_DECREASE_OF_ZOOMS = 100.0
+MIN_ZOOM = 0.05
+
+# Points of the smallest model: fewer are those of no place, which images with a camera each may seem to agree on.
+MIN_POINTS = 50
 
 # Seconds between two looks at the progress.
 INTERVAL = 2.0
@@ -122,11 +131,7 @@ def with_principal_point(model):
             shared[image.camera_id] = shared.get(image.camera_id, 0) + 1
     if not shared or min(shared.values()) < MIN_SHARED:
         return model
-    refined = pycolmap.Reconstruction(model)
-    options = pycolmap.BundleAdjustmentOptions()
-    options.refine_principal_point = True
-    options.print_summary = False
-    pycolmap.bundle_adjustment(refined, options)
+    refined = adjusted(pycolmap.Reconstruction(model), principal_point=True)
     for each in (model, refined):
         each.update_point_3d_errors()
     ratio = refined.compute_mean_reprojection_error() / model.compute_mean_reprojection_error()
@@ -152,28 +157,103 @@ def apply_rigs(database, rigs):
         pycolmap.apply_rig_config(configs, opened)
 
 
-def main():
-    task = json.load(sys.stdin)
-    names, database = task["names"], task["database"]
-    pycolmap.logging.minloglevel = 2
-    pycolmap.set_random_seed(task["seed"])
+def rebuilt(model, camera_of):
+    """The model with other cameras. `camera_of`: of an image its key; images of one key share a camera, with the median parameters."""
+    own = {image.image_id: camera_of(image) for image in model.images.values() if image.has_pose}
+    members = {}
+    for image, key in own.items():
+        members.setdefault(key, []).append(model.cameras[model.images[image].camera_id])
+    number = {key: i + 1 for i, key in enumerate(members)}
+    other = pycolmap.Reconstruction()
+    for key, cameras in members.items():
+        first, params = cameras[0], np.median([camera.params for camera in cameras], axis=0)
+        camera = pycolmap.Camera(model=first.model, width=first.width, height=first.height, params=params, camera_id=number[key])
+        other.add_camera_with_trivial_rig(camera)
+    for image, key in own.items():
+        image = model.images[image]
+        keypoints = np.array([point.xy for point in image.points2D])
+        taken = pycolmap.Image(name=image.name, keypoints=keypoints, camera_id=number[key], image_id=image.image_id)
+        pose = image.cam_from_world
+        other.add_image_with_trivial_frame(taken, pose() if callable(pose) else pose)
+    for point in model.points3D.values():
+        track = pycolmap.Track()
+        for element in point.track.elements:
+            if element.image_id in own:
+                track.add_element(element.image_id, element.point2D_idx)
+        if track.length() >= 2:
+            other.add_point3D(point.xyz, track)
+    return adjusted(other)
 
-    def extract():
+
+def adjusted(model, principal_point=False):
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.refine_principal_point = principal_point
+    pycolmap.bundle_adjustment(model, options)
+    return model
+
+
+def log_focal(camera):
+    return float(np.log(camera.mean_focal_length()))
+
+
+def zooms(values):
+    """Numbers of the groups of values that are more than MIN_ZOOM apart, in their order."""
+    order, groups, group = np.argsort(values), [0] * len(values), 0
+    for before, after in zip(order, order[1:]):
+        group += values[after] - values[before] > MIN_ZOOM
+        groups[after] = group
+    return groups
+
+
+def has_zooms(model):
+    """Whether images that share a camera have several focal lengths: with a camera for each image they fit much better, at focal
+    lengths that are apart."""
+    images = [image for image in model.images.values() if image.has_pose]
+    if len(images) < MIN_SHARED or len({image.camera_id for image in images}) == len(images):
+        return False
+    before = rebuilt(model, lambda image: image.camera_id)
+    apart = rebuilt(model, lambda image: -image.image_id)
+    for each in (before, apart):
+        each.update_point_3d_errors()
+    ratio = apart.compute_mean_reprojection_error() / before.compute_mean_reprojection_error()
+    decrease = 2 * before.compute_num_observations() * (1 - ratio**2) / len(images)
+    shared = {}
+    for image in apart.images.values():
+        shared.setdefault(model.images[image.image_id].camera_id, []).append(log_focal(apart.cameras[image.camera_id]))
+    return decrease >= MIN_DECREASE_OF_ZOOMS and any(max(zooms(values)) > 0 for values in shared.values())
+
+
+def by_zoom(model, group_of):
+    """The model of images with a camera each, with a camera for those of each group and focal length."""
+    members = {}
+    for image in model.images.values():
+        if image.has_pose:
+            members.setdefault(group_of[image.name], []).append(image)
+    key = {}
+    for group, images in members.items():
+        found = zooms([log_focal(model.cameras[image.camera_id]) for image in images])
+        key.update({image.image_id: (group, zoom) for image, zoom in zip(images, found)})
+    return rebuilt(model, lambda image: key[image.image_id])
+
+
+def extract(task, database, is_shared):
+    def run():
         for camera in task["cameras"]:
             reader = pycolmap.ImageReaderOptions()
             if camera["simple_pinhole"]:
                 reader.camera_model, reader.camera_params = "SIMPLE_PINHOLE", camera["simple_pinhole"]
-            pycolmap.extract_features(
-                database, task["images"], image_names=camera["names"], camera_mode=pycolmap.CameraMode.SINGLE, reader_options=reader
-            )
+            mode = pycolmap.CameraMode.SINGLE if is_shared else pycolmap.CameraMode.PER_IMAGE
+            pycolmap.extract_features(database, task["images"], image_names=camera["names"], camera_mode=mode, reader_options=reader)
 
-    stage("features of structure from motion", len(names), database, "keypoints", extract)
-    if task["rigs"]:
-        apply_rigs(database, task["rigs"])
+    stage("features of structure from motion", len(task["names"]), database, "keypoints", run)
+
+
+def map_images(task, database):
+    """All models, with their poses."""
+    names = task["names"]
     known = {name for camera in task["cameras"] if camera["simple_pinhole"] for name in camera["names"]}
     constant = {camera for name, camera in query(database, "SELECT name, camera_id FROM images") if name in known}
-    match(task, names)
-
     say(stage="camera poses", total=len(names))
     done = [0]
 
@@ -181,8 +261,7 @@ def main():
         done[0] = min(done[0] + count, len(names))
         say(done=done[0])
 
-    sparse = Path(task["sparse"])
-    models = {}
+    models = []
     # COLMAP begins again when a model stays small, which a first pair without parallax leads to. So a part of the place that has few
     # of the images gets its chance when the others have their poses.
     left = set(names)
@@ -195,7 +274,7 @@ def main():
         options.constant_cameras = constant
         options.ba_refine_sensor_from_rig = False
         # It writes its models, too, also attempts of two images, which are no model.
-        with tempfile.TemporaryDirectory(dir=sparse.parent) as written:
+        with tempfile.TemporaryDirectory(dir=Path(task["sparse"]).parent) as written:
             found = pycolmap.incremental_mapping(
                 database,
                 task["images"],
@@ -206,15 +285,52 @@ def main():
             )
         before = len(left)
         for model in found.values():
-            if model.num_reg_images() < 3:
+            if model.num_reg_images() < 3 or model.num_points3D() < MIN_POINTS:
                 continue
-            models[len(models)] = model
+            models.append(model)
             left -= {image.name for image in model.images.values() if image.has_pose}
         if len(left) == before:
             break
     say(done=len(names))
-    if not constant:
-        models = {number: with_principal_point(model) for number, model in models.items()}
+    return models
+
+
+def registered_in(models):
+    """Images of the largest model."""
+    return max((model.num_reg_images() for model in models), default=0)
+
+
+def apart_by_zoom(task, models):
+    """The models, or others with a camera for each focal length if images that should share a camera do not.
+
+    A shared camera is what keeps a model straight. But photographs of one size may be of several zooms, and only EXIF would say so.
+    """
+    if not any(has_zooms(model) for model in models):
+        return models
+    database = str(Path(task["database"]).with_name("database-apart.db"))
+    Path(database).unlink(missing_ok=True)
+    extract(task, database, is_shared=False)
+    match({**task, "database": database}, task["names"])
+    group_of = {name: number for number, camera in enumerate(task["cameras"]) for name in camera["names"]}
+    others = [by_zoom(model, group_of) for model in map_images(task, database)]
+    return others if registered_in(others) >= registered_in(models) else models
+
+
+def main():
+    task = json.load(sys.stdin)
+    names, database = task["names"], task["database"]
+    pycolmap.logging.minloglevel = 2
+    pycolmap.set_random_seed(task["seed"])
+
+    extract(task, database, is_shared=True)
+    if task["rigs"]:
+        apply_rigs(database, task["rigs"])
+    match(task, names)
+    models = map_images(task, database)
+    if not task["rigs"]:
+        models = [with_principal_point(model) for model in apart_by_zoom(task, models)]
+    sparse = Path(task["sparse"])
+    models = dict(enumerate(models))
     for number, model in models.items():
         folder = sparse / str(number)
         folder.mkdir(parents=True, exist_ok=True)
