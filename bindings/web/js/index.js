@@ -264,8 +264,43 @@ class Sealed {
  * The pixels of an image as they are stored, without colour conversion: the EXIF orientation is not applied, as in all of veiloc, so
  * that all photographs of a phone have one camera.
  */
-export function storedBitmap(image) {
-  return createImageBitmap(image, { colorSpaceConversion: "none", premultiplyAlpha: "none", imageOrientation: "none" });
+export async function storedBitmap(image) {
+  const stored = image instanceof Blob ? new Blob([asStored(new Uint8Array(await image.arrayBuffer()))], { type: image.type }) : image;
+  return createImageBitmap(stored, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+}
+
+/** The bytes of an image file whose EXIF says that it is displayed as it is stored: browsers apply the orientation whatever they are told. */
+function asStored(bytes) {
+  const view = new DataView(bytes.buffer);
+  const word = (at) => String.fromCharCode(...bytes.subarray(at, at + 4));
+  try {
+    if (bytes[0] === 0xff && bytes[1] === 0xd8) {
+      // Segments of a JPEG, up to the coded samples.
+      for (let at = 2; bytes[at] === 0xff && bytes[at + 1] !== 0xda; at += 2 + view.getUint16(at + 2)) {
+        if (bytes[at + 1] === 0xe1 && word(at + 4) === "Exif") setUpright(view, at + 10);
+      }
+    } else if (word(0) === "RIFF" && word(8) === "WEBP") {
+      for (let at = 12; at + 8 <= bytes.length; ) {
+        const size = view.getUint32(at + 4, true);
+        if (word(at) === "EXIF") setUpright(view, word(at + 8) === "Exif" ? at + 14 : at + 8);
+        at += 8 + size + (size % 2);
+      }
+    }
+  } catch (error) {
+    // Damaged EXIF counts as absent.
+    if (!(error instanceof RangeError)) throw error;
+  }
+  return bytes;
+}
+
+/** Sets the orientation of EXIF that begins with a TIFF header at `start`. */
+function setUpright(view, start) {
+  const little = view.getUint16(start) === 0x4949;
+  const directory = start + view.getUint32(start + 4, little);
+  for (let i = 0; i < view.getUint16(directory, little); i += 1) {
+    const entry = directory + 2 + 12 * i;
+    if (view.getUint16(entry, little) === 0x0112) view.setUint16(entry + 8, 1, little);
+  }
 }
 
 /** Arguments of the worker's `extract`: pixels unchanged, every other image as a bitmap. */
