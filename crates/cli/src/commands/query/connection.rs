@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use veiloc_client::{Client, ClientError, ClientOptions, Notice};
-use veiloc_map::text::text_of;
+use veiloc_map::text::{text_of, without_mark};
 use veiloc_protocol::ProfileId;
 
 use crate::commands::seal::OTHER_PROFILE;
@@ -43,7 +43,8 @@ impl Connection {
     pub(super) fn client(&self, profile: Option<(&str, ProfileId)>, ui: &Arc<Ui>) -> Result<Client, Failure> {
         let mut options = ClientOptions::default();
         options.profile_ids.extend(profile.map(|(map, id)| (map.to_owned(), id)));
-        options.certificates = self.ca.as_deref().map(files::read).transpose()?;
+        let certificates = self.ca.as_deref().map(files::read).transpose()?;
+        options.certificates = certificates.map(|bytes| without_mark(&bytes).to_vec());
         options.insecure_http = self.insecure_http;
         options.retry.retries = self.retries;
         options.cache = self.cache.clone().or_else(user_cache);

@@ -2,7 +2,7 @@
 //! world, one line a frame; camera axes right, down, forward.
 //!
 //! `calib.txt` has the projection `P0` to `P3` of each rectified camera; it is searched beside the poses, in the folder of the
-//! images and in that above it. The camera is that of the folder's name, `image_0` to `image_3`; its centre is
+//! images and in that above it. The camera is that of the folder's name, `image_0` to `image_3`, or the only one; its centre is
 //! `−K⁻¹ P[:, 3]` from that of `image_0`. Frames are named by their number, from 0. Pixels count from the centre of the first
 //! one, so half a pixel is added.
 //!
@@ -50,7 +50,7 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
     let folder_name = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
     let folder_name =
         folder_name.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    let number = folder_name.strip_prefix("image_").and_then(|n| n.parse::<u32>().ok()).unwrap_or(0);
+    let number = folder_name.strip_prefix("image_").and_then(|n| n.parse::<u32>().ok());
     let (intrinsics, cam_from_left) = calibration(path, names, number)?;
     for name in names.all() {
         let stem = without_extension(name.rsplit('/').next().unwrap_or_default());
@@ -73,16 +73,22 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
     Ok(poses)
 }
 
+/// Whether a word is `P0:` to `P3:`.
+fn is_projection(word: &str) -> bool {
+    word.strip_prefix('P').and_then(|rest| rest.strip_suffix(':')).is_some_and(|n| n.parse::<u8>().is_ok())
+}
+
 /// Column-major numbers of a 3 × 4 matrix of row-major ones.
 fn transposed(rows: [f64; 12]) -> [f64; 12] {
     std::array::from_fn(|at| rows[4 * (at % 3) + at / 3])
 }
 
-/// `fx, fy, cx, cy, skew` of a camera, and its translation from `image_0`.
+/// `fx, fy, cx, cy, skew` of a camera, and its translation from `image_0`. `number`: that of the folder; without one all cameras of the
+/// file must be the same.
 fn calibration(
     path: &Path,
     names: &ImageNames,
-    number: u32,
+    number: Option<u32>,
 ) -> Result<([f64; 5], Vector3<f64>), MappingError> {
     let folder = names.folder();
     let candidates = [
@@ -94,9 +100,17 @@ fn calibration(
         faulty(path, "there is no calib.txt beside it, in the folder of the images, or above that folder")
     })?;
     let content = text(file)?;
-    let key = format!("P{number}:");
-    let line = Line::all(file, &content).find(|line| line.words[0] == key);
-    let line = line.ok_or_else(|| faulty(file, format!("has no {key}")))?;
+    let key = number.map(|number| format!("P{number}:"));
+    let is_camera = |word: &str| key.as_ref().map_or_else(|| is_projection(word), |key| word == key);
+    let cameras: Vec<Line<'_>> = Line::all(file, &content).filter(|line| is_camera(line.words[0])).collect();
+    let line = cameras.first();
+    let line = line.ok_or_else(|| faulty(file, format!("has no {}", key.as_deref().unwrap_or("P0:"))))?;
+    if key.is_none() && cameras.iter().any(|other| other.words[1..] != line.words[1..]) {
+        return Err(faulty(
+            file,
+            "has several cameras, and the name of the folder of the images says which of them took them: call it image_0 to image_3",
+        ));
+    }
     let [fx, skew, cx, tx, zero, fy, cy, ty, _, _, _, tz] =
         line.numbers::<12>(1, "a number of the projection")?;
     let k = Matrix3::new(fx, skew, cx, zero, fy, cy, 0.0, 0.0, 1.0);

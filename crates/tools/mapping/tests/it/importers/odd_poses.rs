@@ -533,3 +533,11 @@ fn files_of_programs_that_are_not_read_are_named() {
         fs::remove_file(&path).expect("removed");
     }
 }
+
+#[test]
+fn kitti_needs_to_know_which_camera_took_the_images() {
+    let names: Vec<String> = (0..4).map(|frame| format!("{frame:06}.png")).collect();
+    let (_kept, images) = images_called(&names, "left");
+    let error = read_posed(&data("kitti").join("00.txt"), &images).expect_err("two cameras").to_string();
+    assert!(error.contains("calib.txt") && error.contains("image_0 to image_3"), "{error}");
+}
