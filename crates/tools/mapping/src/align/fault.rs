@@ -5,7 +5,7 @@ use std::fmt;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_map::MapModel;
 
-use super::fit::{Fit, Pair, fit, residual};
+use super::fit::{Errors, Fit, Pair, fit, residual};
 use super::known::{KnownPositions, spread};
 use super::level::MapUp;
 use crate::coordinate_frames::{Similarity3, median};
@@ -157,7 +157,7 @@ pub(super) struct Judge<'a> {
     pub(super) pairs: &'a [Pair],
     pub(super) found: &'a Fit,
     pub(super) up: Option<MapUp>,
-    pub(super) has_vertical: bool,
+    pub(super) errors: Errors,
 }
 
 impl Judge<'_> {
@@ -198,7 +198,7 @@ impl Judge<'_> {
     /// Whether the positions by themselves have another up direction than the map.
     fn up(&self) -> Option<AlignmentFault> {
         let up = self.up?;
-        let alone = fit(self.pairs, None, self.has_vertical)?;
+        let alone = fit(self.pairs, None, self.errors)?;
         let tilt = |similarity: &Similarity3| (similarity.rotation * up.direction).angle(&Vector3::z());
         let sd = (alone.covariance[(1, 1)] + alone.covariance[(2, 2)] + 2.0 * up.sd_deg.to_radians().powi(2))
             .sqrt();
@@ -212,7 +212,7 @@ impl Judge<'_> {
     fn heights(&self) -> Option<AlignmentFault> {
         let with_height = self.pairs.iter().filter(|pair| pair.has_height);
         let mut left: Vec<f64> = with_height.map(|pair| residual(pair, &self.found.similarity).z).collect();
-        if !self.has_vertical || left.len() < MIN_HEIGHTS {
+        if !self.errors.has_vertical || left.len() < MIN_HEIGHTS {
             return None;
         }
         left.sort_by(f64::total_cmp);
@@ -236,7 +236,7 @@ impl Judge<'_> {
 
     /// Whether other pairs fit much better: with at least as many, at smaller distances.
     fn better(&self, pairs: &[Pair], up: Option<MapUp>) -> Option<f64> {
-        let other = fit(pairs, up, self.has_vertical)?;
+        let other = fit(pairs, up, self.errors)?;
         let count = |fit: &Fit| fit.used.iter().filter(|used| **used).count() as f64 / fit.used.len() as f64;
         let share = (other.rms / other.similarity.scale) / (self.found.rms / self.found.similarity.scale);
         (share < MUCH_BETTER && count(&other) >= 0.9 * count(self.found)).then_some(share)

@@ -32,6 +32,15 @@ pub(super) struct Pair {
     pub(super) least_sd: f64,
 }
 
+/// What is known of the errors of positions.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Errors {
+    /// `z` is up, so errors of heights are other ones than those along the ground.
+    pub(super) has_vertical: bool,
+    /// Least correlation of the errors of two positions that follow each other.
+    pub(super) least_correlation: f64,
+}
+
 /// A fitted similarity.
 #[derive(Debug, Clone)]
 pub(super) struct Fit {
@@ -57,14 +66,15 @@ const MIN_SHAPE: f64 = 0.02;
 const MAX_SAMPLES: usize = 2000;
 /// Rounds of selection and estimation.
 const ROUNDS: usize = 30;
+/// Largest correlation that is told from one.
+const MAX_CORRELATION: f64 = 0.95;
 /// Standard deviation of heights of which none is known, in multiples of the extent: any height.
 const UNKNOWN_HEIGHT: f64 = 1e6;
 
 /// Fits a similarity; `None` when the pairs determine none: fewer than three, or two with a known up direction, or all at one
 /// place, or on a line (with a known up direction: above each other). `up` is the direction in the map that becomes `z`.
 ///
-/// `has_vertical` says that `z` is up, so that errors of heights are other ones than those along the ground.
-pub(super) fn fit(pairs: &[Pair], up: Option<MapUp>, has_vertical: bool) -> Option<Fit> {
+pub(super) fn fit(pairs: &[Pair], up: Option<MapUp>, errors: Errors) -> Option<Fit> {
     let start = start(pairs, up)?;
     let mut similarity = start;
     let mut used = vec![true; pairs.len()];
@@ -77,10 +87,10 @@ pub(super) fn fit(pairs: &[Pair], up: Option<MapUp>, has_vertical: bool) -> Opti
         if round > 0 && next == used {
             break;
         }
-        let Some(refined) = refine(pairs, &next, &similarity, up, has_vertical) else { break };
+        let Some(refined) = refine(pairs, &next, &similarity, up, errors) else { break };
         (similarity, used) = (refined.0, next);
     }
-    let (similarity, covariance, center) = refine(pairs, &used, &similarity, up, has_vertical)?;
+    let (similarity, covariance, center) = refine(pairs, &used, &similarity, up, errors)?;
     let residuals = residuals(pairs, &similarity);
     let squares: f64 = residuals.iter().zip(&used).filter(|(_, used)| **used).map(|(r, _)| r * r).sum();
     let rms = (squares / used.iter().filter(|used| **used).count().max(1) as f64).sqrt();
@@ -171,7 +181,7 @@ fn refine(
     used: &[bool],
     start: &Similarity3,
     up: Option<MapUp>,
-    has_vertical: bool,
+    errors: Errors,
 ) -> Option<Estimate> {
     let chosen: Vec<&Pair> =
         pairs.iter().zip(used).filter(|(_, used)| **used).map(|(pair, _)| pair).collect();
@@ -181,7 +191,8 @@ fn refine(
     let mut information = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
     for _ in 0..ROUNDS {
         let here = Similarity3 { scale, rotation, translation: at - scale * (rotation * center) };
-        let noise = noise(&chosen, &here, has_vertical);
+        let noise = noise(&chosen, &here, errors.has_vertical);
+        let noise = noise.map(|sd| sd * repetition(&chosen, &here, errors.least_correlation).sqrt());
         information.fill(0.0);
         let mut gradient = SVector::<f64, PARAMETERS>::zeros();
         for pair in &chosen {
@@ -238,6 +249,20 @@ fn refine(
 /// Number of parameters that the positions determine alone.
 fn free_parameters(up: Option<MapUp>) -> f64 {
     if up.is_some() { 5.0 } else { PARAMETERS as f64 }
+}
+
+/// How many positions say as much as one whose errors are independent. The error of a fix is mostly that of the fix before, and the
+/// fit takes a part of what they have in common for the shape of the place: its covariance would be far too small. As for an
+/// autoregressive process, `(1 + ρ) / (1 - ρ)` with the correlation `ρ` of residuals that follow each other.
+fn repetition(chosen: &[&Pair], here: &Similarity3, least: f64) -> f64 {
+    let left: Vec<Vector2<f64>> = chosen.iter().map(|pair| residual(pair, here).xy()).collect();
+    let count = left.len() as f64;
+    let square: f64 = left.iter().map(Vector2::norm_squared).sum();
+    let product: f64 = left.iter().zip(left.iter().skip(1)).map(|(a, b)| a.dot(b)).sum();
+    let found = product / square;
+    // By chance it is as large as this in one of twenty lists.
+    let correlation = if found > (2.0 / count).sqrt() { found.max(least) } else { least };
+    (1.0 + correlation.min(MAX_CORRELATION)) / (1.0 - correlation.min(MAX_CORRELATION))
 }
 
 /// Standard deviation of the errors along the ground and in height.

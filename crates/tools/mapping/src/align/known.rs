@@ -91,11 +91,10 @@ fn together(pairs: &[Pair], left: &[usize], has_vertical: bool) -> Option<Vec<us
         let mut others = left.to_vec();
         others.sort_by(|&a, &b| distance(a).total_cmp(&distance(b)));
         let [known, in_map] = spreads(&others[..count]);
-        ((known / all_known) / (in_map / all_in_map), i, others)
+        ((known / all_known) / (in_map / all_in_map), others)
     };
     let step = left.len().div_ceil(MAX_CENTERS);
-    let (share, center, others) =
-        left.iter().step_by(step).map(nearest).min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let (share, others) = left.iter().step_by(step).map(nearest).min_by(|a, b| a.0.total_cmp(&b.0))?;
     if share.is_nan() || share >= MIN_SPREAD {
         return None;
     }
@@ -104,7 +103,9 @@ fn together(pairs: &[Pair], left: &[usize], has_vertical: bool) -> Option<Vec<us
     if shape_shared(&group.iter().map(|&j| (pairs[j].x, pairs[j].y)).collect::<Vec<_>>()) > MAX_SHAPE_SHARED {
         return None;
     }
-    Some(others.into_iter().filter(|&j| (known(j) - known(center)).norm() <= reach).collect())
+    // About their mean, not about the one from which they were found: that may be beside them, and alone.
+    let middle = group.iter().map(|&j| known(j)).sum::<Vector3<f64>>() / count as f64;
+    Some(others.iter().copied().filter(|&j| (known(j) - middle).norm() <= reach).collect())
 }
 
 /// Share of the variance of known positions that a similarity of those in the map explains.
