@@ -181,7 +181,7 @@ fn eval_keypoints_output_is_attack_input() {
     assert!(run.stderr.contains("kind compact, but kind sift is required"), "{run}");
     for (arguments, expected_words) in [
         ("images posed --list map.txt", "one folder"),
-        ("posed", "no JPEG or PNG"),
+        ("posed", "no JPEG, PNG"),
         ("map.txt", "map.txt"),
         ("images/none.png", "none.png"),
     ] {

@@ -57,8 +57,9 @@ fn images() {
     scene.write("bad/cut.png", &png[..png.len() / 2]);
     scene.write("bad/empty.png", []);
     scene.write("bad/text.png", "this is no image");
-    scene.write("bad/phone.heic", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic");
-    scene.write("bad/web.webp", b"RIFF\x24\0\0\0WEBPVP8 ");
+    scene.write("bad/cut.heic", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic");
+    scene.write("bad/cut.webp", b"RIFF\x24\0\0\0WEBPVP8 ");
+    scene.write("bad/phone.avif", b"\0\0\0\x18ftypavif\0\0\0\0mif1avif");
     let view = image::open(scene.path("images/query-0.png")).expect("rendered").to_rgb8();
     let mut jpeg = std::io::Cursor::new(Vec::new());
     view.write_to(&mut jpeg, image::ImageFormat::Jpeg).expect("encoded");
@@ -73,17 +74,18 @@ fn images() {
 
     let mut cases = vec![
         refused(seal("bad/missing.png"), &["bad/missing.png", "check the path"]),
-        refused(seal("posed"), &["posed", "no JPEG or PNG", "give a folder"]),
+        refused(seal("posed"), &["posed", "no JPEG, PNG, WebP or HEIC file", "give a folder"]),
         refused(seal("-"), &["stdin", "give a file"]),
         refused(seal("bad/cut.png"), &["bad/cut.png", "copy it again"]),
         refused(seal("bad/flipped.png"), &["bad/flipped.png", "copy it again"]),
         refused(seal("bad/cut.jpg"), &["bad/cut.jpg", "copy it again"]),
         refused(seal("bad/head.jpg"), &["bad/head.jpg", "copy it again"]),
         refused(seal("bad/empty.png"), &["bad/empty.png", "JPEG or PNG"]),
-        refused(seal("bad/text.png"), &["bad/text.png", "JPEG or PNG"]),
-        refused(seal("bad/phone.heic"), &["bad/phone.heic", "HEIC", "convert it to JPEG"]),
-        refused(seal("bad/web.webp"), &["bad/web.webp", "WebP", "convert it to JPEG"]),
-        refused(seal("place.vmap"), &["place.vmap", "JPEG or PNG"]),
+        refused(seal("bad/text.png"), &["bad/text.png", "not an image", "PNG, WebP or HEIC"]),
+        refused(seal("bad/cut.heic"), &["bad/cut.heic", "copy it again"]),
+        refused(seal("bad/cut.webp"), &["bad/cut.webp", "copy it again"]),
+        refused(seal("bad/phone.avif"), &["bad/phone.avif", "AVIF", "convert it to JPEG"]),
+        refused(seal("place.vmap"), &["place.vmap", "not an image"]),
         refused(seal("bad/upright.png"), &["bad/upright.png", "300x400", "400x300", "give the camera"]),
     ];
     for scheme in ["points", "random-lines", "coordinate-permutation", "dcl"] {

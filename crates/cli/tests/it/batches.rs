@@ -214,15 +214,18 @@ fn lists_may_have_cameras() {
 fn images_of_other_formats_in_a_folder_are_counted() {
     let scene = scene();
     scene.write("phone/1.png", scene.read("images/query-0.png"));
-    for name in ["2.heic", "3.HEIC", "4.webp"] {
+    for name in ["2.avif", "3.AVIF", "4.tif"] {
         scene.write(&format!("phone/{name}"), "no matter");
     }
     let run = scene.run(&seal("phone", "phone-sealed")).succeeded();
-    assert!(run.stderr.contains("phone: 2 HEIC files and 1 WebP file left out"), "{run}");
+    assert!(run.stderr.contains("phone: 2 AVIF files and 1 TIFF file left out"), "{run}");
     assert_eq!(names(scene, "phone-sealed"), ["1.vquery"]);
     fs::remove_file(scene.path("phone/1.png")).expect("removed");
     let run = scene.run(&seal("phone", "phone-sealed"));
-    assert!(run.code == Some(1) && run.stderr.contains("no JPEG or PNG file, but 2 HEIC files"), "{run}");
+    assert!(
+        run.code == Some(1) && run.stderr.contains("no JPEG, PNG, WebP or HEIC file, but 2 AVIF files"),
+        "{run}"
+    );
 }
 
 #[test]

@@ -75,10 +75,10 @@ fn images_and_queries_of_other_programs_are_sealed() {
 #[test]
 fn other_image_formats_are_counted() {
     let place = folder();
-    for name in ["a.heic", "b.HEIC", "c.tif", "d.webp"] {
+    for name in ["a.avif", "b.AVIF", "c.tif", "d.jxl"] {
         place.write(&format!("phone/{name}"), "an image");
     }
     place.write("phone/e.jpg", "no image");
     let run = place.run("features phone --out-hloc f.h5");
-    assert!(run.stderr.contains("2 HEIC files, 1 TIFF file and 1 WebP file left out"), "{run}");
+    assert!(run.stderr.contains("2 AVIF files, 1 JPEG XL file and 1 TIFF file left out"), "{run}");
 }
