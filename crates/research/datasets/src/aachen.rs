@@ -119,7 +119,7 @@ fn by_nvm(
         return Err(DatasetError::Missing { path: path.to_owned(), what: "the model of v1", remedy });
     }
     let model = read_nvm(path)?;
-    remarks.extend(model.remark());
+    remarks.extend(model.remark().into_iter().chain(model.remark_on_odd()));
     let mut images = Vec::new();
     for known in &model.cameras {
         let listed = known.name.strip_prefix("./").unwrap_or(&known.name);

@@ -130,7 +130,7 @@ pub fn read_scene(
     };
     let (mapped, queries) = (side(&mapped)?, side(&queries)?);
     let mut remarks: Vec<String> = found.finish(GET)?.into_iter().collect();
-    remarks.extend(model.remark());
+    remarks.extend(model.remark().into_iter().chain(model.remark_on_odd()));
     let counts = (mapped.len(), queries.len());
     Ok(DatasetScene {
         name: scene.to_owned(),

@@ -251,7 +251,6 @@ fn damaged_models_are_reported_with_line() {
     check_error(format!("NVM_V3\n2\n{camera}"), "ends before its cameras");
     check_error("NVM_V3\n18446744073709551615\n".to_owned(), "ends before its cameras");
     check_error("NVM_V3\n1\na.jpg 500 1 0 0\n".to_owned(), "a.nvm:3: a camera needs");
-    check_error("NVM_V3\n1\na.jpg 500 0 0 0 0 0 0 0 0 0\n".to_owned(), "not a rotation");
     check_error(format!("NVM_V3\n1\n{camera}1\n0 0 0 1 2 3 1 7 0 0 0\n"), "camera 7, which does not exist");
     check_error(
         format!("NVM_V3\n1\n{camera}1\n0 0 0 1 2 3 18446744073709551615 0 0 0 0\n"),
@@ -261,4 +260,10 @@ fn damaged_models_are_reported_with_line() {
     let named =
         parse(Path::new("a.nvm"), "NVM_V3\n\n1\nmy image.jpg 500 1 0 0 0 0 0 0 0 0\n\n0\n").expect("read");
     assert_eq!(named.cameras[0].name, "my image.jpg");
+    // What is odd by itself is left out with a remark.
+    let odd = parse(Path::new("a.nvm"), &format!("NVM_V3\n2\n{camera}b.jpg 500 0 0 0 0 0 0 0 0 0\n0\n"))
+        .expect("read");
+    assert_eq!(odd.cameras.len(), 1);
+    let remark = odd.remark_on_odd().expect("a remark");
+    assert!(remark.contains("1 odd lines") && remark.contains("b.jpg: the pose is no rotation"), "{remark}");
 }

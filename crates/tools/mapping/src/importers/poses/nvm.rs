@@ -78,6 +78,15 @@ impl NvmModel {
             format!("{n} cameras of further models in the NVM file were left out: their world frames differ")
         })
     }
+
+    /// A remark about odd lines that were left out, if there are any.
+    pub fn remark_on_odd(&self) -> Option<String> {
+        let OddLine { items, name, reason } = self.odd.first()?;
+        let n = self.odd.len();
+        Some(format!(
+            "{n} odd lines of the NVM file were left out; the first is of {items}, {name}: {reason}"
+        ))
+    }
 }
 
 /// Reads the first model of a file.
