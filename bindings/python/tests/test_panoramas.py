@@ -24,7 +24,7 @@ def similarity(a, b):
 def place(tmp_path_factory):
     pytest.importorskip("pycolmap")
     folder = tmp_path_factory.mktemp("panoramas")
-    mapped, queries = veiloc.render_room(folder, mapped=9, queries=2, panorama_width=WIDTH)
+    mapped, queries = veiloc.render_room(folder, mapped=7, queries=2, panorama_width=WIDTH)
     names = [name for name, _, _ in mapped]
     built = veiloc.Map.from_images(folder, folder / "work", names=names, panoramas=True)
     return folder, built, mapped, queries
@@ -32,7 +32,7 @@ def place(tmp_path_factory):
 
 def test_panoramas_become_rigs_with_exact_relative_poses(place):
     _, built, mapped, _ = place
-    poses = built.poses()
+    poses = built.poses
     centers = {}
     for name, pose in poses.items():
         folder, face, image = name.split("/")
@@ -57,7 +57,7 @@ def test_a_panorama_is_localized_in_a_map_of_panoramas(place, program):
     built.save(folder / "place.vmap")
     program("map", "profile", folder / "place.vmap", "-o", folder / "place.profile")
     names = [f"panoramas-{WIDTH}/front/{name}.jpg" for name, _, _ in mapped]
-    poses = built.poses()
+    poses = built.poses
     found = np.array([poses[name].center for name in names])
     scale, R, t = similarity(found, np.array([pose.center for _, _, pose in mapped]))
     for name, _, truth in queries:
