@@ -3,7 +3,7 @@
     pip install numpy pillow pillow-heif
     python3 research/oracles/heic.py crates/device/features/tests/data
 
-`turned.heic` is stored as a phone held upright stores it: landscape pixels, to be rotated for display. Its pixels in `turned.png`
+`rotated.heic` is stored as a phone held upright stores it: landscape pixels, to be rotated for display. Its pixels in `rotated.png`
 are the stored ones.
 """
 
@@ -35,10 +35,10 @@ def main() -> None:
     exif = Image.Exif()
     exif[ORIENTATION] = ROTATE_90
     exif.get_ifd(EXIF_IFD)[FOCAL_35MM] = 26
-    image.save(folder / "turned.heic", quality=80, exif=exif.tobytes())
-    shown = Image.open(folder / "turned.heic").convert("RGB")
+    image.save(folder / "rotated.heic", quality=80, exif=exif.tobytes())
+    shown = Image.open(folder / "rotated.heic").convert("RGB")
     assert shown.size == (120, 160), "libheif rotates"
-    shown.transpose(Image.Transpose.ROTATE_90).save(folder / "turned.png")
+    shown.transpose(Image.Transpose.ROTATE_90).save(folder / "rotated.png")
     image.save(folder / "drawn.webp", quality=80)
     Image.open(folder / "drawn.webp").convert("RGB").save(folder / "drawn_webp.png")
 

@@ -163,7 +163,7 @@ export async function onlySeals(page, views, profile) {
 
 /** Checks that browser and native program seal views to the same bytes; returns the median ratio of their times. */
 export async function sealsAreEqual(page, views, profile) {
-  console.log("== a photograph that is stored turned");
+  console.log("== a photograph that is stored rotated");
   const size = await page.evaluate(storedSize, exifSegment(26, 6));
   check("the EXIF orientation is not applied", size.width === 64 && size.height === 48, `${size.width} x ${size.height}`);
   console.log("== seals of the browser and of the native program");

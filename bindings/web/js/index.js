@@ -269,7 +269,7 @@ export async function storedBitmap(image) {
   return createImageBitmap(stored, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
 }
 
-/** The bytes of an image file whose EXIF says that it is displayed as it is stored: browsers apply the orientation whatever they are told. */
+/** The bytes of an image file whose EXIF says that it is displayed as it is stored: browsers apply the orientation, whatever `imageOrientation` is. */
 function asStored(bytes) {
   const view = new DataView(bytes.buffer);
   const word = (at) => String.fromCharCode(...bytes.subarray(at, at + 4));

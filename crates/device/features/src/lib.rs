@@ -66,7 +66,10 @@ pub use global::{GlobalExtractor, SharedGlobal};
 pub use gray::GrayImage;
 pub use input::Image;
 pub use keypoint::{Features, Keypoint};
-pub use load::{IMAGE_EXTENSIONS, IMAGE_FORMATS, MAX_PIXELS, image_size, is_image_file, load_gray};
+pub use load::{
+    IMAGE_EXTENSIONS, IMAGE_FORMATS, MAX_PIXELS, image_size, is_image_file, load_gray,
+    spelled_image_extensions,
+};
 pub use mask::{Mask, load_mask};
 pub use orientation::{DisplayTurn, display_turn};
 pub use panorama::{faces_of_file, faces_of_image, is_marked_panorama};

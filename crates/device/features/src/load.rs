@@ -2,8 +2,8 @@
 //! other metadata could leak.
 //!
 //! **Orientation.** Pixels are those that are stored: what a file says about its display (EXIF orientation, and the rotation,
-//! mirroring and crop of HEIC) is not applied, as in COLMAP. All photographs of a phone then have one camera, however it was
-//! turned. The program, the Python package and the browser have this one rule.
+//! mirroring and crop of HEIC) is not applied, as in COLMAP. All photographs of a phone then have one camera, in
+//! portrait and in landscape. The program, the Python package and the browser have this one rule.
 
 use std::borrow::Cow;
 use std::io::Cursor;
@@ -25,6 +25,11 @@ pub const IMAGE_EXTENSIONS: &[&str] = &["jpg", "jpeg", "png", "webp", "heic", "h
 /// Extensions of the image files that are read, lower case.
 #[cfg(not(feature = "heic"))]
 pub const IMAGE_EXTENSIONS: &[&str] = &["jpg", "jpeg", "png", "webp"];
+
+/// The spellings of [`IMAGE_EXTENSIONS`]: lower case, then upper case.
+pub fn spelled_image_extensions() -> impl Iterator<Item = String> + Clone {
+    IMAGE_EXTENSIONS.iter().flat_map(|lower| [(*lower).to_owned(), lower.to_uppercase()])
+}
 
 /// The names of their formats, for messages.
 #[cfg(feature = "heic")]

@@ -2,7 +2,7 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use veiloc_features::{IMAGE_EXTENSIONS, load_colour};
+use veiloc_features::{load_colour, spelled_image_extensions};
 use veiloc_localization::{LocalizeOptions, localize};
 use veiloc_map::MapFile;
 use veiloc_pose::State;
@@ -145,9 +145,8 @@ fn image_of(folder: &Path, query: &Path) -> Option<image::RgbImage> {
     let tails = (0..parts.len()).map(|from| parts[from..].iter().collect::<PathBuf>());
     // Other paths would leave the folder.
     let inside = tails.filter(|tail| tail.components().all(|part| matches!(part, Component::Normal(_))));
-    let spellings = |lower: &&str| [(*lower).to_owned(), lower.to_uppercase()];
-    let endings: Vec<String> = IMAGE_EXTENSIONS.iter().flat_map(spellings).collect();
-    let mut named = inside.flat_map(|tail| endings.iter().map(move |e| folder.join(tail.with_extension(e))));
+    let mut named =
+        inside.flat_map(|tail| spelled_image_extensions().map(move |e| folder.join(tail.with_extension(e))));
     let colour = load_colour(&named.find(|path| path.is_file())?).ok()?;
     image::RgbImage::from_raw(colour.width(), colour.height(), colour.data().to_vec())
 }

@@ -23,7 +23,7 @@ fn difference(a: &ColourImage, b: &ColourImage) -> (f64, u8) {
 
 #[test]
 fn pixels_are_those_of_the_reference_decoders_as_they_are_stored() {
-    for (name, reference) in [("turned.heic", "turned.png"), ("drawn.webp", "drawn_webp.png")] {
+    for (name, reference) in [("rotated.heic", "rotated.png"), ("drawn.webp", "drawn_webp.png")] {
         let image = load_colour(&data(name)).expect(name);
         let expected = load_colour(&data(reference)).expect(reference);
         // Decoders interpolate the halved colour channels differently; brightness is the same.
@@ -41,7 +41,7 @@ fn pixels_are_those_of_the_reference_decoders_as_they_are_stored() {
 
 #[test]
 fn exif_of_heic_is_read_as_that_of_jpeg() {
-    let path = data("turned.heic");
+    let path = data("rotated.heic");
     // 26 mm for a diagonal of 43.27 mm.
     let focal = exif_camera(&path).expect("EXIF").pinhole().focal[0];
     assert!((focal - 26.0 * 200.0 / 43.266_615_305_567_87).abs() < 1e-9, "{focal}");
@@ -51,7 +51,7 @@ fn exif_of_heic_is_read_as_that_of_jpeg() {
 #[test]
 fn damaged_files_are_errors() {
     let folder = tempfile::tempdir().expect("temporary folder");
-    for name in ["turned.heic", "drawn.webp"] {
+    for name in ["rotated.heic", "drawn.webp"] {
         let whole = std::fs::read(data(name)).expect(name);
         let path = folder.path().join(name);
         let open = |bytes: &[u8]| {

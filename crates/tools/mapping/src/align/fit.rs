@@ -66,7 +66,7 @@ const MIN_SHAPE: f64 = 0.02;
 const MAX_SAMPLES: usize = 2000;
 /// Rounds of selection and estimation.
 const ROUNDS: usize = 30;
-/// Largest correlation that is told from one.
+/// Largest correlation that is assumed: at one, no number of positions would say anything.
 const MAX_CORRELATION: f64 = 0.95;
 /// Standard deviation of heights of which none is known, in multiples of the extent: any height.
 const UNKNOWN_HEIGHT: f64 = 1e6;

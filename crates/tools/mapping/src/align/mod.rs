@@ -195,8 +195,8 @@ pub fn faults_in_map(
 ) -> Vec<AlignmentFault> {
     let scale = AlignmentFault::of_scale(accuracy_in_map(model, frame, None).scale);
     let up = model.down.zip(reference.down).and_then(|(own, other)| {
-        let turned = frame.map_from_given.rotation * Vector3::from(own.in_world());
-        AlignmentFault::of_gravity(turned.angle(&Vector3::from(other.in_world())).to_degrees())
+        let rotated = frame.map_from_given.rotation * Vector3::from(own.in_world());
+        AlignmentFault::of_gravity(rotated.angle(&Vector3::from(other.in_world())).to_degrees())
     });
     scale.into_iter().chain(up).collect()
 }

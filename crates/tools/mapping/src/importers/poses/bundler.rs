@@ -60,7 +60,7 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
                 rotation.set_row(row, &Vector3::from(numbers).transpose());
             }
             let translation = Vector3::from(translation.numbers::<3>(0, "the translation")?);
-            // The camera's axes turned by half a turn about x: right, down, forward.
+            // The camera's axes, rotated by 180 degrees about x: right, down, forward.
             let turn = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
             let pose = CameraFromWorld::from_matrix(turn * rotation, turn * translation)
                 .ok_or_else(|| first.fault("the pose of this camera is no rotation"))?;

@@ -98,7 +98,7 @@ pub(super) fn read(path: &Path, names: &ImageNames) -> Result<Poses, MappingErro
         });
         if let Some((lens, pose)) = poses.keep("cameras", label, posed)? {
             slaves += usize::from(master.is_some());
-            // Equal labels are told apart by their groups.
+            // The groups distinguish equal labels.
             let group = camera.ancestors().find(|node| node.has_tag_name("group"));
             let in_group =
                 group.and_then(|group| group.attribute("label")).map(|group| format!("{group}/{label}"));

@@ -13,7 +13,7 @@ use std::cell::{OnceCell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path, PathBuf};
 
-use veiloc_features::{FeatureError, IMAGE_EXTENSIONS, image_size, is_image_file};
+use veiloc_features::{FeatureError, image_size, is_image_file, spelled_image_extensions};
 
 use crate::error::MappingError;
 use crate::input::image_names::image_file;
@@ -166,10 +166,8 @@ impl ImageNames {
         let with_extensions = |(end, dropped): (String, Option<String>)| {
             let stem = without_extension(&end).to_owned();
             let bases = [end, stem];
-            let spellings = |lower: &&str| [(*lower).to_owned(), lower.to_uppercase()];
-            let extensions: Vec<String> = IMAGE_EXTENSIONS.iter().flat_map(spellings).collect();
-            let names = bases.into_iter().flat_map(move |base| {
-                extensions.clone().into_iter().map(move |extension| format!("{base}.{extension}"))
+            let names = bases.into_iter().flat_map(|base| {
+                spelled_image_extensions().map(move |extension| format!("{base}.{extension}"))
             });
             names.map(move |name| (name, dropped.clone()))
         };

@@ -31,7 +31,7 @@ impl Stamped {
         Some(Self { time, rotation, position: *pose.translation() })
     }
 
-    /// Whether the body is exactly at the origin, and not turned.
+    /// Whether the body is exactly at the origin, and not rotated.
     pub(super) fn is_identity(&self) -> bool {
         self.rotation == UnitQuaternion::identity() && self.position == Vector3::zeros()
     }
