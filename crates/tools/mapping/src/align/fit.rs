@@ -189,10 +189,10 @@ fn refine(
     let size = chosen.iter().map(|pair| (pair.x - center).norm()).fold(0.0, f64::max) * start.scale;
     let (mut scale, mut rotation, mut at) = (start.scale, start.rotation, start.transform(&center));
     let mut information = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
+    let mut of_positions = information;
     for _ in 0..ROUNDS {
         let here = Similarity3 { scale, rotation, translation: at - scale * (rotation * center) };
         let noise = noise(&chosen, &here, errors.has_vertical);
-        let noise = noise.map(|sd| sd * repetition(&chosen, &here, errors.least_correlation).sqrt());
         information.fill(0.0);
         let mut gradient = SVector::<f64, PARAMETERS>::zeros();
         for pair in &chosen {
@@ -210,6 +210,7 @@ fn refine(
                 gradient += row * (left[axis] / (sd * sd));
             }
         }
+        of_positions = information;
         if !chosen.iter().any(|pair| pair.has_height) {
             information[(6, 6)] += (UNKNOWN_HEIGHT * size).powi(-2);
         }
@@ -242,8 +243,12 @@ fn refine(
     // The noise is estimated from few residuals: its estimate is a Student distribution.
     let freedom = rows as f64 - free_parameters(up);
     let few = if freedom > 3.0 { freedom / (freedom - 2.0) } else { 3.0 };
-    let covariance = information.cholesky()?.inverse() * few;
-    Some((Similarity3 { scale, rotation, translation: at - scale * (rotation * center) }, covariance, center))
+    let found = Similarity3 { scale, rotation, translation: at - scale * (rotation * center) };
+    // What positions say is repeated; the estimate itself takes each for one: residuals of a wrong direction are alike, too.
+    let excess = repetition(&chosen, &found, errors.least_correlation) - 1.0;
+    let inverse = information.cholesky()?.inverse();
+    let covariance = inverse * (information + of_positions * excess) * inverse * few;
+    Some((found, covariance, center))
 }
 
 /// Number of parameters that the positions determine alone.
