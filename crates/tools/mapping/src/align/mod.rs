@@ -393,6 +393,11 @@ mod tests {
             }
         }
         assert!(kept > 100 && worse * 100 <= kept && worst < 1.3, "{worse} of {kept}, {worst}");
+        // The horizon of the images, which is a little wrong, does not move an exact fit.
+        let mut walk = Walk { size: 26.0, rng: ChaCha8Rng::seed_from_u64(98) };
+        let up = Some(MapUp { direction: Vector3::new(0.02, -0.01, 1.0).normalize(), sd_deg: 1.2 });
+        let exact = align_to_positions(&walk.known(1e-4, 0.0, 0.0), up).expect("an alignment");
+        assert!(exact.rms < 1e-3, "{}", exact.rms);
         // A large place is not refused.
         let mut walk = Walk { size: 86.0, rng: ChaCha8Rng::seed_from_u64(99) };
         let known = walk.known(1.0, 0.2, 0.0);
