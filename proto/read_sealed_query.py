@@ -16,7 +16,7 @@ NAMES = [
     "version", "profile_id", "scheme", "dividing_angle", "anchor_distance", "angle_bits", "camera_focal",
     "camera_width", "camera_height", "rows", "descriptor_name", "descriptor_dim", "descriptor_encoding",
     "descriptor_norm", "positions", "descriptors", "global", "focal_known", "gravity", "layout", "turn_x",
-    "turn_y", "turn_z",
+    "turn_y", "turn_z", "pack_id", "pack_points", "candidates",
 ]
 KNOWN = {1: "calibrated", 2: "from EXIF", 3: "unknown"}
 
@@ -123,6 +123,16 @@ def rows(message):
             phi = (take(bits + 1) + 0.5) * math.pi / 2**bits
             inward = tuple(math.cos(phi) * a + math.sin(phi) * b for a, b in zip(zero, quarter))
             yield *cross(d, inward), *inward
+
+
+def candidates(message):
+    """The point that each row is taken for, with the probability, of a match query."""
+    width = max(1, (message["pack_points"] - 1).bit_length())
+    bits, at = int.from_bytes(message["candidates"], "big"), 8 * len(message["candidates"])
+    for _ in range(message["rows"]):
+        at -= width + 4
+        point, weight = divmod((bits >> at) & ((1 << (width + 4)) - 1), 16)
+        yield point, 1 / (1 + math.exp(-(weight - 8) / 2))
 
 
 def down(code):

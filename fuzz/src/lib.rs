@@ -8,11 +8,12 @@ use std::fs;
 use std::ops::Range;
 use std::path::Path;
 
+use sha2::{Digest as _, Sha256};
 use veiloc_descriptor::GlobalDescriptor;
 use veiloc_map::colmap::{ColmapImage, read_model, write_text};
 use veiloc_map::regions::{Manifest, ObjectId, RegionIndex};
 use veiloc_map::{MapFile, MapMemory};
-use veiloc_protocol::{Answer, Profile, SealedQuery};
+use veiloc_protocol::{Answer, Pack, Profile, SealedQuery};
 use veiloc_service::auth::{TokenEntry, TokenKey, TokenList, added, revoked};
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -32,6 +33,19 @@ pub fn profile(bytes: &[u8]) -> bool {
     assert_eq!(profile.encode(), bytes, "a profile has two encodings");
     let _ = profile.id();
     true
+}
+
+/// A pack. Its checksum is corrected first, because an attacker can compute it.
+pub fn pack(bytes: &[u8]) -> bool {
+    let mut bytes = bytes.to_vec();
+    if let Some(end) = bytes.len().checked_sub(16) {
+        let before = end.saturating_sub(2);
+        let checksum = Sha256::digest(&bytes[..before]);
+        bytes[end..].copy_from_slice(&checksum[..16]);
+    }
+    let Ok(pack) = Pack::decode(&bytes) else { return false };
+    assert_eq!(pack.encode(), bytes, "a pack has two encodings");
+    (0..pack.image_count()).all(|image| pack.image(image).points().iter().all(|p| *p < pack.point_count()))
 }
 
 /// An answer.

@@ -38,6 +38,7 @@ macro_rules! targets {
 targets! {
     sealed_query: MUTATIONS of ".vquery" in "crates/core/protocol/tests/data",
     profile: MUTATIONS of ".profile" in "crates/core/protocol/tests/data",
+    pack: MUTATIONS of ".vpack" in "crates/core/protocol/tests/data",
     answer: MUTATIONS of ".answer" in "crates/core/protocol/tests/data",
     tokens: MUTATIONS of ".tokens" in "crates/server/service/tests/data/auth",
     manifest: MUTATIONS of ".json" in "crates/server/map/tests/data/regions/manifest",

@@ -1,12 +1,16 @@
 //! Options that the device decides and a profile cannot override: the obfuscation scheme, and how much is sent.
 
-use veiloc_obfuscation::{DeviceLimits, SealOptions, Sealer};
-use veiloc_protocol::{CoarseGravity, FocalKnowledge, Profile, Scheme};
+use std::path::{Path, PathBuf};
+
+use veiloc_obfuscation::{DeviceLimits, KnownPlace, PackUse, SealOptions, Sealer};
+use veiloc_protocol::{CoarseGravity, FocalKnowledge, Pack, PackId, Profile, Scheme};
 
 use crate::args::camera::{CameraArg, CameraSource};
 use crate::args::feature_args::MapFeatureArgs;
 use crate::args::global_args::ConsentArgs;
+use crate::commands::seal::OTHER_ID;
 use crate::output::exit::Failure;
+use crate::output::files;
 use crate::output::ui::Ui;
 
 /// How an image is sealed.
@@ -40,10 +44,33 @@ pub(crate) struct DeviceArgs {
     /// (`map build --down`), most if few points are visible. Default: not sent.
     #[arg(long, value_name = "X,Y,Z[,SD_DEG]", allow_hyphen_values = true)]
     gravity: Option<CoarseGravity>,
+    /// The pack of the place, as written by `veiloc map pack`: nothing is sent that the place does not explain
+    /// (docs/guide/pack.md). Default: none, or with --send that of the map or service.
+    #[arg(long, value_name = "FILE")]
+    pack: Option<PathBuf>,
+    /// Id of the pack as the operator publishes it, 32 hexadecimal digits (`veiloc map pack` prints it): nothing is
+    /// sealed with another one. Default: any pack.
+    #[arg(long, value_name = "HEX")]
+    pack_id: Option<PackId>,
+    /// What is sent: `matches`, the points that keypoints match in the pack, and no descriptor; `explained`, the descriptors
+    /// that the pack explains; `all` descriptors, without a pack. Default: `matches` with --pack, otherwise `all`.
+    #[arg(long, value_name = "WHAT")]
+    send: Option<Sent>,
     #[command(flatten)]
     features: MapFeatureArgs,
     #[command(flatten)]
     consent: ConsentArgs,
+}
+
+/// What is sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Sent {
+    /// All descriptors.
+    All,
+    /// Descriptors that the pack explains.
+    Explained,
+    /// Points of the pack, and no descriptor.
+    Matches,
 }
 
 impl DeviceArgs {
@@ -81,8 +108,42 @@ impl DeviceArgs {
         self.gravity
     }
 
-    /// Returns the sealer for a map. Warns if keypoint positions are sent.
-    pub(crate) fn sealer(&self, profile: &Profile, ui: &Ui) -> Result<Sealer, Failure> {
+    /// Returns the pack, prepared, and what is sent with it; `of_map` gives the one of the map.
+    fn place(
+        &self,
+        of_map: impl FnOnce() -> Result<Pack, Failure>,
+    ) -> Result<Option<(KnownPlace, PackUse)>, Failure> {
+        let usage = match (self.send, &self.pack) {
+            (None | Some(Sent::All), None) => return Ok(None),
+            (Some(Sent::All), Some(_)) => {
+                return Err(Failure::with_help(
+                    "--send all contradicts --pack",
+                    "leave one of them out: with a pack, only what it explains is sent",
+                ));
+            }
+            (Some(Sent::Explained), _) => PackUse::Explained,
+            (Some(Sent::Matches) | None, _) => PackUse::Matches,
+        };
+        let pack = match &self.pack {
+            Some(path) => read_pack(path)?,
+            None => of_map()?,
+        };
+        if let Some(expected) = self.pack_id.filter(|expected| *expected != pack.id()) {
+            return Err(Failure::with_help(
+                format!("the id of the pack is {}, not {expected}", pack.id()),
+                OTHER_ID,
+            ));
+        }
+        Ok(Some((KnownPlace::new(pack)?, usage)))
+    }
+
+    /// Returns the sealer for a map, whose pack `of_map` gives. Warns if keypoint positions are sent.
+    pub(crate) fn sealer(
+        &self,
+        profile: &Profile,
+        of_map: impl FnOnce() -> Result<Pack, Failure>,
+        ui: &Ui,
+    ) -> Result<Sealer, Failure> {
         let options = match self.scheme {
             Scheme::Points => {
                 ui.warn(
@@ -103,6 +164,20 @@ impl DeviceArgs {
             Some(most) => options.with_max_keypoints(most as usize),
             None => options,
         };
+        let options = match self.place(of_map)? {
+            Some((place, usage)) => options.with_place(place, usage),
+            None => options,
+        };
         self.consent.sealer(options, &self.features.models(), profile, ui)
     }
+}
+
+/// Reads a pack file.
+pub(crate) fn read_pack(path: &Path) -> Result<Pack, Failure> {
+    Pack::decode(&files::read(path)?).map_err(|e| {
+        Failure::with_help(
+            format!("{}: {e}", path.display()),
+            "write the pack again with `veiloc map pack MAP -o FILE`, or fetch it from the service",
+        )
+    })
 }

@@ -13,6 +13,7 @@ mod import;
 mod info;
 mod merge;
 mod output_args;
+mod pack;
 mod posed_args;
 mod profile;
 #[cfg(feature = "cluster")]
@@ -48,6 +49,8 @@ pub(crate) enum Command {
     Remove(remove::RemoveArgs),
     /// Write the profile that a device needs to seal queries for a map; it contains no map data.
     Profile(profile::ProfileArgs),
+    /// Write the pack of a map, with which a device sends only what the place knows.
+    Pack(pack::PackArgs),
     /// Compress a map: a tenth of the bytes with almost no loss.
     Compress(compress::CompressArgs),
     /// Split a map into regions, for maps that exceed one machine.
@@ -85,6 +88,7 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Merge(args) => merge::run(args, ui),
         Command::Remove(args) => remove::run(args, ui),
         Command::Profile(args) => profile::run(args, ui),
+        Command::Pack(args) => pack::run(args, ui),
         Command::Compress(args) => compress::run(args, ui),
         Command::Split(args) => split::run(args, ui),
         #[cfg(feature = "cluster")]

@@ -84,18 +84,24 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     if let Some(expected) = args.profile_id.filter(|expected| *expected != profile.id()) {
         return Err(Failure::with_help(
             format!("{}: its id is {}, not {expected}", args.profile.display(), profile.id()),
-            OTHER_PROFILE,
+            OTHER_ID,
         ));
     }
-    let sealer = args.device.sealer(&profile, ui)?;
+    let no_pack = || {
+        Err(Failure::with_help(
+            "--send needs a pack",
+            "give --pack FILE, as written by `veiloc map pack MAP -o FILE`",
+        ))
+    };
+    let sealer = args.device.sealer(&profile, no_pack, ui)?;
     let hiding = args.mask.open()?;
     let mut session = args.session.open()?;
     batch::run(args, &sealer, &hiding, session.as_mut(), ui)
 }
 
-/// The remedy for another profile than the given one.
-pub(crate) const OTHER_PROFILE: &str = "compare it with the id that the operator publishes now; a profile that only \
-                                        this device gets identifies it";
+/// The remedy for another profile or pack than the given one.
+pub(crate) const OTHER_ID: &str = "compare it with the id that the operator publishes now; one that only this \
+                                        device gets identifies it";
 
 /// The remedy for an image whose EXIF data does not give the focal length.
 pub(crate) const GIVE_CAMERA: &str =

@@ -57,6 +57,10 @@ pub(crate) struct Args {
     /// metre, as after `map align --gps`; may be given several times. Default: none
     #[arg(long, value_name = "NAME=LAT,LON,H")]
     geo_reference: Vec<GeoReference>,
+    /// Give devices the packs of the maps (`/v1/maps/NAME/pack`), with which they send only what the place knows, or points
+    /// instead of descriptors. A pack shows what the place looks like, without where (docs/guide/pack.md). Default: no packs.
+    #[arg(long)]
+    packs: bool,
     /// Storage of the map bytes: copied into memory (safe against changes of the file), or memory-mapped; a mapped file
     /// must not be written or truncated while it is served.
     #[arg(long, value_enum, default_value_t = Memory::Copied, value_name = "WHERE")]
@@ -367,6 +371,7 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     options.timeouts.grace = seconds(args.grace);
     options.timeouts.unauthenticated_max_age = seconds(args.unauthenticated_max_age);
     options.timeouts.max_age = seconds(args.connection_max_age);
+    options.packs = args.packs;
     options.watch = Some(seconds(args.watch));
     options.otlp.clone_from(&args.otlp);
     if args.page {

@@ -99,12 +99,12 @@ fn sent_keypoints(
         .seal_with_truth(extracted, &mut rng)
         .map_err(|source| DemoError::Seal { name: name.to_owned(), source })?;
     let real: Vec<usize> = (0..query.len()).filter(|row| truth.source[*row].is_some()).collect();
-    let descriptors = query.descriptors().to_owned().select(real.iter().copied());
+    let descriptors = query.descriptors().map(|rows| rows.to_owned().select(real.iter().copied()));
     Ok(KeypointImage {
         name: name.to_owned(),
         width: query.camera().width,
         height: query.camera().height,
         keypoints: real.iter().map(|row| truth.pixels[*row]).collect(),
-        descriptors: Some(descriptors),
+        descriptors,
     })
 }

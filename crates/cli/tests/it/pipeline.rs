@@ -122,6 +122,36 @@ fn coordinate_permutation_is_sealed_and_read() {
 }
 
 #[test]
+fn packs_are_written_sealed_with_and_localized() {
+    let scene = scene();
+    scene.run("map pack place.vmap -o place.vpack").succeeded();
+    let seal = format!("seal images/query-0.png --camera {CAMERA} --profile place.vprofile");
+    let length = |file: &str| std::fs::metadata(scene.path(file)).expect("a file").len();
+    scene.run(&format!("{seal} -o all.vquery")).succeeded();
+    for (send, file) in [("", "matched.vquery"), ("--send explained", "explained.vquery")] {
+        scene.run(&format!("{seal} --pack place.vpack {send} -o {file}")).succeeded();
+        let document = scene.run(&format!("localize --map place.vmap {file} --json")).succeeded().json();
+        let (degrees, metres) =
+            pose_error(&document["queries"][0]["cam_from_world"], &scene.pose_of("query-0.png"));
+        assert!(degrees < 1.0 && metres < 0.06, "{send}: {degrees} deg, {metres} m");
+        assert!(length(file) < length("all.vquery"), "{send}");
+    }
+    assert!(length("matched.vquery") * 8 < length("all.vquery"));
+    let bytes = std::fs::read(scene.path("matched.vquery")).expect("a file");
+    assert!(SealedQuery::decode(&bytes).expect("a query").descriptors().is_none());
+
+    scene.run(&format!("{seal} --send matches -o no.vquery")).refused(&["--pack FILE"]);
+    scene.run(&format!("{seal} --pack place.vpack --send all -o no.vquery")).refused(&["contradicts"]);
+    scene.run(&format!("{seal} --pack place.vprofile -o no.vquery")).refused(&["place.vprofile", "map pack"]);
+    let mut damaged = std::fs::read(scene.path("place.vpack")).expect("a file");
+    let middle = damaged.len() / 2;
+    damaged[middle] ^= 4;
+    std::fs::write(scene.path("damaged.vpack"), damaged).expect("writable");
+    scene.run(&format!("{seal} --pack damaged.vpack -o no.vquery")).refused(&["damaged.vpack", "checksum"]);
+    assert!(!scene.path("no.vquery").exists());
+}
+
+#[test]
 fn the_device_chooses_the_scheme() {
     let scene = scene();
     let message = |scheme: &str, out: &str| scene.seal("query-0.png", scheme, out).stderr;

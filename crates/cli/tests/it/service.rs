@@ -130,6 +130,31 @@ fn one_answer_everywhere() {
     );
 }
 
+/// With the pack of the service, a query has no descriptor; without one it says what to ask for.
+#[test]
+fn matches_are_sent_with_the_pack_of_the_service() {
+    let scene = scene();
+    let service = Service::start(scene, "--map place=place.vmap --packs");
+    let send = send_with_cache("query-0.png", &service.url, "packs");
+    let run = scene.run(&format!("{send} --send matches --json")).succeeded();
+    let found = pose(&run.json()["cam_from_world"]);
+    assert!(found.translation_error(&scene.pose_of("query-0.png")) < POSITION_TOLERANCE, "{run}");
+    assert_eq!(run.json()["state"], "trusted");
+    // The pack was sent once, and then confirmed.
+    scene.run(&format!("{send} --send explained")).succeeded();
+    let log = service.log();
+    let fetched = |status: u16| {
+        log.lines().filter(|l| l.contains("/pack") && l.contains(&format!("status={status}"))).count()
+    };
+    assert_eq!((fetched(200), fetched(304)), (1, 1), "{log}");
+    let other = "00112233445566778899aabbccddeeff";
+    scene.run(&format!("{send} --send matches --pack-id {other}")).refused(&[other, "operator"]);
+    let without = Service::start(scene, "--map place=place.vmap");
+    let refused =
+        scene.run(&format!("{} --send matches", send_with_cache("query-0.png", &without.url, "no-packs")));
+    refused.refused(&["no pack of this map"]);
+}
+
 #[test]
 fn image_is_localized() {
     let scene = scene();

@@ -243,7 +243,7 @@ const fn projected(
 static MEASURED: &[Measured] = &[
     Measured {
         kind: DescriptorKind::ROOT_SIFT,
-        // Fitted by `study features match-prior`; see veiloc_pose::prior for the data.
+        // Fitted by `study features match-prior`; see crate::prior for the data.
         prior: MatchPrior {
             ratio: model(8.521, -12.493, 0.0, 0.0),
             ratio_votes: model(7.310, -11.384, 0.557, 0.0),

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 use veiloc_simd::{Backend, BestTwo, ColumnBest, PackedRows, best_two, best_two_with_columns};
 
-use crate::DescriptorView;
+use crate::{DescriptorKind, DescriptorView};
 
 /// A descriptor of the database and its distance to the query descriptor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,13 +35,39 @@ impl From<BestTwo> for TwoNearest {
 /// Exact, and independent of the number of threads (rayon's current pool is used). Cost: about 0.5 ns per pair of 128
 /// bytes and thread with AVX-512 VNNI (`cargo bench -p veiloc-benches --bench matching`).
 pub fn two_nearest(query: DescriptorView<'_>, database: DescriptorView<'_>) -> Vec<Option<TwoNearest>> {
-    if query.kind() != database.kind() {
-        return vec![None; query.len()];
-    }
-    nearest_rows(query.as_bytes(), &pack(database))
+    SearchedRows::new(database).two_nearest(query)
 }
 
-/// As [`two_nearest`], for a database that is searched more than once.
+/// A database that is searched more than once.
+#[derive(Clone)]
+pub struct SearchedRows {
+    kind: DescriptorKind,
+    packed: PackedRows,
+}
+
+impl SearchedRows {
+    /// Copies the rows into the order of the search.
+    pub fn new(rows: DescriptorView<'_>) -> Self {
+        Self { kind: rows.kind(), packed: pack(rows) }
+    }
+
+    /// As [`two_nearest`].
+    pub fn two_nearest(&self, query: DescriptorView<'_>) -> Vec<Option<TwoNearest>> {
+        if query.kind() != self.kind {
+            return vec![None; query.len()];
+        }
+        nearest_rows(query.as_bytes(), &self.packed)
+    }
+}
+
+// Descriptors reveal the content of images (leak L8).
+impl std::fmt::Debug for SearchedRows {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "SearchedRows({})", self.kind)
+    }
+}
+
+/// As [`two_nearest`], for rows that are packed.
 pub(crate) fn nearest_rows(query: &[u8], database: &PackedRows) -> Vec<Option<TwoNearest>> {
     let dim = database.dim();
     let block = block_rows(query.len() / dim) * dim;

@@ -21,10 +21,10 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use support::{Failure, Query, obfuscate, read};
 use veiloc_descriptor::DescriptorKind;
+use veiloc_descriptor::{PriorModel, match_probability, probability};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::statistics::upper_median;
 use veiloc_geometry::{Pixel, PlanePoint, Point3};
-use veiloc_pose::prior::{PriorModel, match_probability, probability};
 use veiloc_pose::{AnchoredSolver, PoseOptions, PoseProblem, ScoreKind, estimate_pose, refine_pose};
 
 struct Recipe {

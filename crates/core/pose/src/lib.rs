@@ -57,7 +57,6 @@ pub mod ransac;
 mod rig;
 pub mod solvers;
 
-pub use crate::likelihood::prior;
 pub use crate::likelihood::{
     Correspondences, FocalPrior, Gravity, MatchViewpoint, PoseProblem, PositionPrior,
 };

@@ -14,6 +14,7 @@ fn main() -> std::io::Result<()> {
     for (file, query) in common::known_answers() {
         fs::write(folder.join(format!("{file}.vquery")), query.encode())?;
     }
+    fs::write(folder.join("place.vpack"), common::pack().encode())?;
     for (file, profile) in common::known_profiles() {
         fs::write(folder.join(format!("{file}.profile")), profile.encode())?;
     }

@@ -107,6 +107,14 @@ pub enum QueryError {
         /// The map's.
         map: crate::ProfileId,
     },
+    /// The query was sealed with another pack.
+    #[error("sealed with pack {query}, but the map has pack {map}")]
+    WrongPack {
+        /// The query's.
+        query: crate::PackId,
+        /// The map's.
+        map: crate::PackId,
+    },
     /// Unknown scheme name.
     #[error(
         "{text:?} is not a scheme; use points, random-lines, coordinate-permutation, or dcl, \
@@ -143,9 +151,9 @@ pub enum QueryError {
     /// A camera that does not show what is straight ahead of it.
     #[error("the optical axis is not in the image; check the principal point, or cut the image around it")]
     OpticalAxis,
-    /// Not the id of a profile.
-    #[error("{text:?} is not the id of a profile, which has 32 hexadecimal digits")]
-    ProfileId {
+    /// Not the id of a profile or pack.
+    #[error("{text:?} is not the id of a profile or pack, which has 32 hexadecimal digits")]
+    MessageId {
         /// The given text.
         text: String,
     },
@@ -202,8 +210,11 @@ impl QueryError {
             Self::WrongProfile { .. } => {
                 "sealed with another profile than the map's; fetch the profile of this map and seal again"
             }
+            Self::WrongPack { .. } => {
+                "sealed with another pack than the map's; fetch the pack of this map and seal another image"
+            }
             Self::SchemeSyntax { .. } => "unknown scheme",
-            Self::ProfileId { .. } => "not the id of a profile",
+            Self::MessageId { .. } => "not the id of a profile or pack",
             Self::PositionHint | Self::Gravity | Self::SectorLayout | Self::OpticalAxis => {
                 return self.to_string();
             }
@@ -242,12 +253,13 @@ mod tests {
             QueryError::Descriptor { what: "vocabulary", reason: text() },
             QueryError::Mismatch { what: "rows", expected: text(), actual: text() },
             QueryError::WrongProfile { query, map },
+            QueryError::WrongPack { query, map },
             QueryError::SchemeSyntax { text: text() },
             QueryError::Layout { degrees: 987_654.0, s: 987_654.0 },
             QueryError::PositionHint,
             QueryError::Gravity,
             QueryError::OpticalAxis,
-            QueryError::ProfileId { text: text() },
+            QueryError::MessageId { text: text() },
             QueryError::Focal { focal: 987_654.0 },
             QueryError::ImageSize { width: 987_654.0, height: 987_654.0 },
         ];

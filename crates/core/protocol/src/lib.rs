@@ -8,6 +8,7 @@
 //!   [`LayoutTurn`]: their rotation in a later frame of a session.
 //! - [`Profile`]: what a device needs to seal for a map. It contains no map data and no scheme.
 //! - [`SealedQuery`]: what the device sends; [`Observations`]: what it reveals about positions.
+//! - [`Pack`]: the descriptors of a place without positions; [`RowMatches`]: what a device found in them.
 //! - [`RigMessage`]: several queries with their relative poses.
 //! - [`Answer`]: the server's answer; [`AnswerDocument`]: the same as JSON.
 //! - [`Hints`]: optional information about the camera beside the rows.
@@ -21,6 +22,7 @@
 //! use veiloc_geometry::Anchor;
 //! use veiloc_protocol::{
 //!     AnchoredRow, AngleBits, CanonicalCamera, Hints, LayoutTurn, Profile, QueryParts, Rows, Scheme, SealedQuery,
+//!     SentContent,
 //! };
 //!
 //! // A server publishes its map's profile as bytes, a device reads it.
@@ -37,8 +39,7 @@
 //!     scheme,
 //!     angle_bits: bits,
 //!     rows: Rows::Dcl((0..256).map(row).collect()),
-//!     descriptors: Descriptors::new(kind, vec![30; 256 * 128])?,
-//!     image_global: None,
+//!     content: SentContent::Described { descriptors: Descriptors::new(kind, vec![30; 256 * 128])?, image_global: None },
 //!     turn: LayoutTurn::default(), // fixed in the image
 //!     hints: Hints::default(), // calibrated, no gravity direction
 //! };
@@ -64,13 +65,16 @@ mod error;
 mod gravity;
 mod hints;
 mod layout;
+mod message_id;
 mod observations;
+mod pack;
+mod pack_wire;
 mod position_hint;
 mod profile;
 mod profile_check;
-mod profile_id;
 mod profile_wire;
 mod rig_message;
+mod row_matches;
 mod rows;
 mod scheme;
 mod sealed;
@@ -93,14 +97,16 @@ pub use error::QueryError;
 pub use gravity::CoarseGravity;
 pub use hints::{FocalKnowledge, Hints, UnknownKnowledge};
 pub use layout::{DclLayout, HalvesLayout};
+pub use message_id::{MessageId, PackId, ProfileId};
 pub use observations::{AnchoredLine, Observations};
+pub use pack::{Pack, PackImage};
 pub use position_hint::PositionHint;
 pub use profile::{ExtractionLimits, Profile};
-pub use profile_id::ProfileId;
 pub use rig_message::{RigMessage, SealedFrame};
+pub use row_matches::{Candidate, MatchWeight, RowMatches};
 pub use rows::{AnchoredRow, LineRow, PositionRow, Rows};
 pub use scheme::Scheme;
-pub use sealed::{QueryParts, SealedQuery};
+pub use sealed::{QueryContent, QueryParts, SealedQuery, SentContent};
 pub use sector_layout::SectorLayout;
 pub use size_class::SizeClass;
 pub use steps::StopCriterion;

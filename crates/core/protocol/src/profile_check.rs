@@ -15,11 +15,12 @@ impl Profile {
             return Err(QueryError::WrongProfile { query: query_id, map });
         }
         let mismatch = |what, expected, actual| Err(QueryError::Mismatch { what, expected, actual });
-        let (expected, actual) = (self.kind, query.descriptors().kind());
+        let (expected, actual) = (self.kind, query.descriptor_kind());
         if expected != actual {
             return mismatch("descriptor kind", format!("{expected:?}"), format!("{actual:?}"));
         }
-        let (expected, actual) = (self.global.global_len(), query.global().len());
+        let Some(global) = query.global() else { return Ok(()) };
+        let (expected, actual) = (self.global.global_len(), global.len());
         if expected != actual {
             return mismatch("codes of the global descriptor", expected.to_string(), actual.to_string());
         }

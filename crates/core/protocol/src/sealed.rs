@@ -1,19 +1,19 @@
 //! The sealed query: all that a device sends about an image.
 
-use veiloc_descriptor::{DescriptorView, Descriptors, GlobalDescriptor};
+use veiloc_descriptor::{DescriptorKind, DescriptorView, Descriptors, GlobalDescriptor};
 use veiloc_geometry::Pinhole;
 
 use crate::{
-    AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, LayoutTurn, Observations, Profile,
-    ProfileId, QueryError, Rows, Scheme, SizeClass,
+    AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, LayoutTurn, Observations, PackId,
+    Profile, ProfileId, QueryError, RowMatches, Rows, Scheme, SizeClass,
 };
 
 /// What a device sends to be localized.
 ///
-/// Per row: a few bits about the position, as the scheme defines ([`Rows`]), and a descriptor. Per image: the scheme,
-/// one of a few cameras and how well its focal length is known, a global descriptor, the id of the profile, and
-/// optionally the gravity direction. It has no field for a keypoint, a scale, an orientation, a strength, a time or a
-/// device.
+/// Per row: a few bits about the position, as the scheme defines ([`Rows`]), and a descriptor or, in a *match query*, the
+/// points that the device found in a [`Pack`](crate::Pack). Per image: the scheme, one of a few cameras and how well its
+/// focal length is known, a global descriptor of rows with descriptors, the id of the profile, and optionally the gravity
+/// direction. It has no field for a keypoint, a scale, an orientation, a strength, a time or a device.
 ///
 /// `veiloc-obfuscation` builds it on the device, [`Self::decode`] on the server. A decoded query encodes to the same
 /// bytes again: the encoding is canonical, so that nothing can be hidden in it.
@@ -23,14 +23,53 @@ pub struct SealedQuery {
     pub(crate) angle_bits: AngleBits,
     pub(crate) camera: CanonicalCamera,
     pub(crate) rows: Rows,
-    pub(crate) descriptors: Descriptors,
-    pub(crate) global: GlobalDescriptor,
+    pub(crate) content: QueryContent,
     pub(crate) profile_id: ProfileId,
     pub(crate) hints: Hints,
     pub(crate) turn: LayoutTurn,
 }
 
-/// The parts of a sealed query. Row `i` of `rows` and of `descriptors` belong to one keypoint.
+/// What the rows of a query show.
+#[derive(Clone, PartialEq)]
+pub enum QueryContent {
+    /// Descriptors, for the server to match.
+    Described {
+        /// `[N, dim]`, in the order of the rows.
+        descriptors: Descriptors,
+        /// For retrieval, as defined by the profile's [`GlobalModel`](veiloc_descriptor::GlobalModel).
+        global: GlobalDescriptor,
+    },
+    /// No descriptors: the points that the device found in the pack of the map (rule L16).
+    Matched {
+        /// The kind of the profile.
+        kind: DescriptorKind,
+        /// The pack.
+        pack: PackId,
+        /// `[N]`
+        matches: RowMatches,
+    },
+}
+
+/// What the rows of a query show, before it is assembled.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SentContent {
+    /// Descriptors.
+    Described {
+        /// `[N, dim]`
+        descriptors: Descriptors,
+        /// The global descriptor where the map's is computed from the image; `None` where it is computed from the rows.
+        image_global: Option<GlobalDescriptor>,
+    },
+    /// What the device found in a pack.
+    Matched {
+        /// The pack.
+        pack: PackId,
+        /// `[N]`
+        matches: RowMatches,
+    },
+}
+
+/// The parts of a sealed query. Row `i` of `rows` and of `content` belong to one keypoint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct QueryParts {
     /// The camera of the rows.
@@ -41,10 +80,8 @@ pub struct QueryParts {
     pub angle_bits: AngleBits,
     /// `[N]`, N a [`SizeClass`]
     pub rows: Rows,
-    /// `[N, dim]`
-    pub descriptors: Descriptors,
-    /// The global descriptor where the map's is computed from the image; `None` where it is computed from the rows.
-    pub image_global: Option<GlobalDescriptor>,
+    /// What the rows show.
+    pub content: SentContent,
     /// What the query says about its camera.
     pub hints: Hints,
     /// Rotation of the layout relative to the camera.
@@ -64,12 +101,29 @@ impl SealedQuery {
     /// [`QueryError::Row`] for a row outside the image; [`QueryError::Field`] for a turn under another scheme than
     /// `dcl`.
     pub fn new(profile: &Profile, parts: QueryParts) -> Result<Self, QueryError> {
-        let QueryParts { camera, scheme, angle_bits, rows, descriptors, image_global, hints, turn } = parts;
+        let QueryParts { camera, scheme, angle_bits, rows, content, hints, turn } = parts;
         let mismatch =
             |what, expected: String, actual: String| QueryError::Mismatch { what, expected, actual };
         if !rows.belong_to(scheme) {
             return Err(mismatch("scheme", scheme.to_string(), format!("{rows:?}")));
         }
+        if SizeClass::from_rows(rows.len()).is_none() {
+            return Err(mismatch("rows", "a size class".to_owned(), rows.len().to_string()));
+        }
+        scheme.check_turn(turn)?;
+        rows.check(scheme, angle_bits, &camera.pinhole(), turn)?;
+        let profile_id = profile.id();
+        let (descriptors, image_global) = match content {
+            SentContent::Described { descriptors, image_global } => (descriptors, image_global),
+            SentContent::Matched { pack, matches } => {
+                let candidates = matches.rows().len();
+                if candidates != rows.len() {
+                    return Err(mismatch("candidates", rows.len().to_string(), candidates.to_string()));
+                }
+                let content = QueryContent::Matched { kind: profile.descriptor_kind(), pack, matches };
+                return Ok(Self { scheme, angle_bits, camera, rows, content, profile_id, hints, turn });
+            }
+        };
         let (expected, actual) = (profile.descriptor_kind(), descriptors.kind());
         if expected != actual {
             return Err(mismatch("descriptor kind", format!("{expected:?}"), format!("{actual:?}")));
@@ -77,13 +131,8 @@ impl SealedQuery {
         if descriptors.len() != rows.len() {
             return Err(mismatch("descriptors", rows.len().to_string(), descriptors.len().to_string()));
         }
-        if SizeClass::from_rows(rows.len()).is_none() {
-            return Err(mismatch("rows", "a size class".to_owned(), rows.len().to_string()));
-        }
-        scheme.check_turn(turn)?;
         // The global descriptor is computed from exactly what is sent.
         let descriptors = descriptors.as_decoded();
-        rows.check(scheme, angle_bits, &camera.pinhole(), turn)?;
         let model = profile.global_model();
         let given = image_global.as_ref().map_or_else(|| "none".to_owned(), |g| format!("{} codes", g.len()));
         let global = match (model.of_rows(descriptors.view()), image_global) {
@@ -97,8 +146,8 @@ impl SealedQuery {
                 return Err(mismatch("global descriptor of the image", expected, given));
             }
         };
-        let profile_id = profile.id();
-        Ok(Self { scheme, angle_bits, camera, rows, descriptors, global, profile_id, hints, turn })
+        let content = QueryContent::Described { descriptors, global };
+        Ok(Self { scheme, angle_bits, camera, rows, content, profile_id, hints, turn })
     }
 
     /// How positions were obfuscated.
@@ -131,9 +180,17 @@ impl SealedQuery {
         self.rows.is_empty()
     }
 
-    /// `[N, dim]`, in the order of the rows.
-    pub fn descriptors(&self) -> DescriptorView<'_> {
-        self.descriptors.view()
+    /// What the rows show.
+    pub const fn content(&self) -> &QueryContent {
+        &self.content
+    }
+
+    /// `[N, dim]`, in the order of the rows; `None` in a match query.
+    pub fn descriptors(&self) -> Option<DescriptorView<'_>> {
+        match &self.content {
+            QueryContent::Described { descriptors, .. } => Some(descriptors.view()),
+            QueryContent::Matched { .. } => None,
+        }
     }
 
     /// How well the focal length of [`Self::camera`] is known.
@@ -151,10 +208,21 @@ impl SealedQuery {
         self.turn
     }
 
+    /// The kind of the descriptors, of the query or of its pack.
+    pub const fn descriptor_kind(&self) -> DescriptorKind {
+        match &self.content {
+            QueryContent::Described { descriptors, .. } => descriptors.kind(),
+            QueryContent::Matched { kind, .. } => *kind,
+        }
+    }
+
     /// The global descriptor for retrieval, as defined by the profile's
-    /// [`GlobalModel`](veiloc_descriptor::GlobalModel).
-    pub const fn global(&self) -> &GlobalDescriptor {
-        &self.global
+    /// [`GlobalModel`](veiloc_descriptor::GlobalModel); `None` in a match query.
+    pub const fn global(&self) -> Option<&GlobalDescriptor> {
+        match &self.content {
+            QueryContent::Described { global, .. } => Some(global),
+            QueryContent::Matched { .. } => None,
+        }
     }
 
     /// The profile it was sealed with. [`Profile::check`] tests whether it belongs to a map.
@@ -171,6 +239,15 @@ impl SealedQuery {
 }
 
 // Counts only: everything that is logged about a query must be harmless (rule L8).
+impl std::fmt::Debug for QueryContent {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Described { .. } => "Described",
+            Self::Matched { .. } => "Matched",
+        })
+    }
+}
+
 impl std::fmt::Debug for SealedQuery {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "SealedQuery({}, {} rows)", self.scheme.name(), self.rows.len())

@@ -5,8 +5,8 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, GlobalDescriptor, GlobalMod
 
 use crate::wire::{Format, KindFields, SealedQueryMessage, present, refused};
 use crate::{
-    AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, LayoutTurn, ProfileId, QueryError,
-    Rows, Scheme, SealedQuery, SizeClass,
+    AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, LayoutTurn, MessageId, PackId,
+    QueryContent, QueryError, RowMatches, Rows, Scheme, SealedQuery, SizeClass,
 };
 
 const FORMAT: Format = Format {
@@ -22,10 +22,17 @@ impl SealedQuery {
     pub const VERSION: u32 = 1;
 
     /// As bytes: one `veiloc.v1.SealedQuery` message. Its length depends only on scheme and layout, angle bits, number
-    /// of rows, descriptor kind and global model.
+    /// of rows, descriptor kind and global model, or the number of points of the pack.
     pub fn encode(&self) -> Vec<u8> {
-        let KindFields { name, dim, encoding, norm } = KindFields::of(self.descriptors.kind());
-        let global = self.global.as_codes().iter().map(|code| code.cast_unsigned()).collect();
+        let KindFields { name, dim, encoding, norm } = KindFields::of(self.descriptor_kind());
+        let (described, matched) = match &self.content {
+            QueryContent::Described { descriptors, global } => {
+                let global: Vec<u8> = global.as_codes().iter().map(|code| code.cast_unsigned()).collect();
+                (Some((descriptors.packed(), global)), None)
+            }
+            QueryContent::Matched { pack, matches, .. } => (None, Some((pack, matches))),
+        };
+        let (descriptors, global) = described.unzip();
         let (scheme, angle, distance) = self.scheme.codes();
         let (focal, width, height) = self.camera.codes();
         let [turn_x, turn_y, turn_z] = self.turn.codes();
@@ -45,14 +52,17 @@ impl SealedQuery {
             descriptor_encoding: Some(encoding),
             descriptor_norm: Some(norm),
             positions: Some(self.rows.pack(self.scheme, self.angle_bits)),
-            descriptors: Some(self.descriptors.packed()),
-            global: Some(global),
+            descriptors,
+            global,
             focal_known: Some(self.hints.focal.code()),
             gravity: Some(CoarseGravity::code(self.hints.gravity)),
             layout: Some(self.scheme.layout_bytes()),
             turn_x: Some(turn_x),
             turn_y: Some(turn_y),
             turn_z: Some(turn_z),
+            pack_id: matched.map(|(pack, _)| pack.as_bytes().to_vec()),
+            pack_points: matched.map(|(_, matches)| matches.points()),
+            candidates: matched.map(|(_, matches)| matches.pack()),
         };
         message.encode_to_vec()
     }
@@ -91,11 +101,8 @@ fn read(message: SealedQueryMessage) -> Result<SealedQuery, QueryError> {
         norm: present("descriptor_norm", message.descriptor_norm)?,
     }
     .kind()?;
-    let id = present("profile_id", message.profile_id)?;
-    let id: [u8; 16] = id.as_slice().try_into().map_err(|_| length("profile_id", 16, &id))?;
+    let profile_id = id("profile_id", message.profile_id)?;
     let positions = present("positions", message.positions)?;
-    let descriptors = present("descriptors", message.descriptors)?;
-    let global = present("global", message.global)?;
     let hints = Hints {
         focal: FocalKnowledge::from_code(present("focal_known", message.focal_known)?)?,
         gravity: CoarseGravity::from_code(present("gravity", message.gravity)?)?,
@@ -114,17 +121,57 @@ fn read(message: SealedQueryMessage) -> Result<SealedQuery, QueryError> {
     }
     let rows = Rows::unpack(scheme, angle_bits, count, &positions);
     rows.check(scheme, angle_bits, &camera.pinhole(), turn)?;
-    if descriptors.len() != count * kind.packed_len() {
-        return Err(length("descriptors", count * kind.packed_len(), &descriptors));
+    let content = if message.pack_id.is_some() {
+        let pack = id("pack_id", message.pack_id)?;
+        let points = present("pack_points", message.pack_points)?;
+        matched(kind, pack, count, points, &present("candidates", message.candidates)?)?
+    } else {
+        let descriptors = present("descriptors", message.descriptors)?;
+        described(kind, count, &descriptors, &present("global", message.global)?)?
+    };
+    Ok(SealedQuery { scheme, angle_bits, camera, rows, content, profile_id, hints, turn })
+}
+
+fn matched(
+    kind: DescriptorKind,
+    pack: PackId,
+    count: usize,
+    points: u32,
+    candidates: &[u8],
+) -> Result<QueryContent, QueryError> {
+    if points > RowMatches::MAX_POINTS {
+        let allowed = "at most 16777216";
+        return Err(QueryError::Field { field: "pack_points", value: points, allowed });
     }
-    let descriptors = Descriptors::from_packed(kind, &descriptors).map_err(|e| refused("descriptors", &e))?;
+    let expected = RowMatches::packed_len(points, count);
+    if candidates.len() != expected {
+        return Err(length("candidates", expected, candidates));
+    }
+    Ok(QueryContent::Matched { kind, pack, matches: RowMatches::unpack(points, count, candidates)? })
+}
+
+fn described(
+    kind: DescriptorKind,
+    count: usize,
+    descriptors: &[u8],
+    global: &[u8],
+) -> Result<QueryContent, QueryError> {
+    if descriptors.len() != count * kind.packed_len() {
+        return Err(length("descriptors", count * kind.packed_len(), descriptors));
+    }
+    let descriptors = Descriptors::from_packed(kind, descriptors).map_err(|e| refused("descriptors", &e))?;
     // [`Profile::check`](crate::Profile::check) compares its length with the map's.
     if global.is_empty() || global.len() > GlobalModel::MAX_LEN {
-        return Err(length("global", global.len().clamp(1, GlobalModel::MAX_LEN), &global));
+        return Err(length("global", global.len().clamp(1, GlobalModel::MAX_LEN), global));
     }
     let global = GlobalDescriptor::new(global.iter().map(|byte| byte.cast_signed()).collect());
-    let profile_id = ProfileId::from_bytes(id);
-    Ok(SealedQuery { scheme, angle_bits, camera, rows, descriptors, global, profile_id, hints, turn })
+    Ok(QueryContent::Described { descriptors, global })
+}
+
+fn id(field: &'static str, bytes: Option<Vec<u8>>) -> Result<MessageId, QueryError> {
+    let bytes = present(field, bytes)?;
+    let id: [u8; 16] = bytes.as_slice().try_into().map_err(|_| length(field, 16, &bytes))?;
+    Ok(MessageId::from_bytes(id))
 }
 
 fn length(field: &'static str, expected: usize, bytes: &[u8]) -> QueryError {

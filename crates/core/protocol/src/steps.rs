@@ -4,7 +4,7 @@
 //! subset; and a row is identical in all steps that contain it, so that all steps together reveal exactly what the
 //! whole query reveals (rule L7).
 
-use crate::{Profile, QueryError, SealedQuery, SizeClass};
+use crate::{Profile, QueryContent, QueryError, SealedQuery, SizeClass};
 
 /// When a progressive query ends.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -42,11 +42,18 @@ impl SealedQuery {
             let (expected, actual) = (format!("at least {rows}"), self.len().to_string());
             return Err(QueryError::Mismatch { what: "rows", expected, actual });
         }
-        let descriptors = self.descriptors.select(0..rows);
-        // A global descriptor of the image does not depend on the number of rows that are sent.
-        let global =
-            profile.global_model().of_rows(descriptors.view()).unwrap_or_else(|| self.global.clone());
-        Ok(Self { rows: self.rows.first(rows), descriptors, global, ..self.clone() })
+        let content = match &self.content {
+            QueryContent::Described { descriptors, global } => {
+                let descriptors = descriptors.select(0..rows);
+                // A global descriptor of the image does not depend on the number of rows that are sent.
+                let of_rows = profile.global_model().of_rows(descriptors.view());
+                QueryContent::Described { descriptors, global: of_rows.unwrap_or_else(|| global.clone()) }
+            }
+            QueryContent::Matched { kind, pack, matches } => {
+                QueryContent::Matched { kind: *kind, pack: *pack, matches: matches.first(rows) }
+            }
+        };
+        Ok(Self { rows: self.rows.first(rows), content, ..self.clone() })
     }
 
     /// The sizes of its steps: all classes up to its own.

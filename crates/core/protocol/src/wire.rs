@@ -62,6 +62,12 @@ pub(crate) struct SealedQueryMessage {
     pub turn_y: Option<u32>,
     #[prost(fixed32, optional, tag = "23")]
     pub turn_z: Option<u32>,
+    #[prost(bytes = "vec", optional, tag = "24")]
+    pub pack_id: Option<Vec<u8>>,
+    #[prost(fixed32, optional, tag = "25")]
+    pub pack_points: Option<u32>,
+    #[prost(bytes = "vec", optional, tag = "26")]
+    pub candidates: Option<Vec<u8>>,
 }
 
 #[derive(Clone, PartialEq, Message)]
@@ -87,6 +93,25 @@ pub(crate) struct ProfileMessage {
     pub global_codes: Option<u32>,
     #[prost(bytes = "vec", optional, tag = "10")]
     pub vocabulary: Option<Vec<u8>>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+#[prost(skip_debug)]
+pub(crate) struct PackMessage {
+    #[prost(fixed32, optional, tag = "1")]
+    pub version: Option<u32>,
+    #[prost(bytes = "vec", optional, tag = "2")]
+    pub profile: Option<Vec<u8>>,
+    #[prost(fixed32, optional, tag = "3")]
+    pub points: Option<u32>,
+    #[prost(bytes = "vec", optional, tag = "4")]
+    pub images: Option<Vec<u8>>,
+    #[prost(bytes = "vec", optional, tag = "5")]
+    pub row_points: Option<Vec<u8>>,
+    #[prost(bytes = "vec", optional, tag = "6")]
+    pub descriptors: Option<Vec<u8>>,
+    #[prost(bytes = "vec", optional, tag = "7")]
+    pub checksum: Option<Vec<u8>>,
 }
 
 /// A descriptor kind in the form of the messages.

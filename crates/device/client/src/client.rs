@@ -1,17 +1,16 @@
 //! A client of a positioning service.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
-use veiloc_protocol::{Answer, Profile, RigMessage, SealedQuery};
+use veiloc_protocol::{Answer, MessageId, Pack, Profile, QueryError, RigMessage, SealedQuery};
 
 use crate::address::{Address, token};
-use crate::profile_cache::{ProfileCache, hash, store};
+use crate::cache::{Cache, hash, store};
 use crate::refusal::{Refusal, printable};
 use crate::transport::{Reply, Transport};
 use crate::{ClientError, ClientOptions, LocalizeRequest, Notice};
 
-/// Maximum number of bytes of a profile.
-const MAX_PROFILE: u64 = 2 << 20;
 /// Maximum number of bytes of an answer or an error response.
 const MAX_ANSWER: u64 = 64 << 10;
 /// Content types of a sealed query and its answer, and of the queries of a session.
@@ -21,7 +20,7 @@ const SESSION: &str = "application/octet-stream";
 /// A client of a positioning service. Calls block; several threads may share one client.
 pub struct Client {
     transport: Transport,
-    cache: ProfileCache,
+    cache: Cache,
 }
 
 impl Client {
@@ -33,52 +32,65 @@ impl Client {
     /// arguments that cannot be used.
     pub fn new(server: &str, token: Option<&str>, options: ClientOptions) -> Result<Self, ClientError> {
         let address = Address::new(server, options.insecure_http)?;
-        let cache = ProfileCache::new(options.cache.as_deref());
+        let cache = Cache::new(options.cache.as_deref());
         let transport = Transport::new(address, self::token(token)?, options)?;
         Ok(Self { transport, cache })
     }
 
-    /// The current profile of a map: the cached one when the service confirms it. [`Notice::ProfileChanged`] reports
-    /// that it is another one than the cached one.
+    /// The current profile of a map: the cached one when the service confirms it. [`Notice::Changed`] reports that it is
+    /// another one than the cached one.
     ///
     /// # Errors
-    /// [`ClientError`]: the map's name, an error response, the network, an invalid profile, or
-    /// [`ClientError::OtherProfile`].
+    /// [`ClientError`]: the map's name, an error response, the network, an invalid profile, or [`ClientError::OtherId`].
     pub fn profile(&self, map: &str) -> Result<Profile, ClientError> {
-        let url = self.transport.address().of_map(map, "profile")?;
-        let file = self.cache.file(&self.transport.address().base, map);
+        self.published(map)
+    }
+
+    /// The current pack of a map, for [`KnownPlace`](veiloc_obfuscation::KnownPlace), cached like a profile. It contains
+    /// the profile.
+    ///
+    /// # Errors
+    /// As [`Self::profile`]; [`ClientError::Refused`] where the operator gives no packs.
+    pub fn pack(&self, map: &str) -> Result<Pack, ClientError> {
+        self.published(map)
+    }
+
+    fn published<T: Published>(&self, map: &str) -> Result<T, ClientError> {
+        let url = self.transport.address().of_map(map, T::WHAT)?;
+        let file = self.cache.file(T::WHAT, &self.transport.address().base, map);
         // A cached file that is damaged or cannot be read is treated as absent.
         let cached = file.as_ref().and_then(|file| std::fs::read(file).ok());
-        let cached = cached.and_then(|bytes| Some((hash(&bytes), Profile::decode(&bytes).ok()?)));
+        let cached = cached.and_then(|bytes| Some((hash(&bytes), T::decode(&bytes).ok()?)));
         let tag = cached.as_ref().map(|(hash, _)| format!("\"{hash}\""));
-        let reply = self.transport.get(&url, tag.as_deref(), MAX_PROFILE)?;
+        let reply = self.transport.get(&url, tag.as_deref(), T::MAX)?;
         match (reply.status, cached) {
             (200, cached) => {
-                let bad = |reason| ClientError::BadAnswer { what: "the profile", reason };
+                let bad = |reason| ClientError::BadAnswer { what: T::NAME, reason };
                 check_type(&reply).map_err(bad)?;
-                let profile = Profile::decode(&reply.body).map_err(|e| bad(printable(&e.to_string())))?;
-                self.check_id(map, &profile)?;
-                if let Some((_, cached)) = cached.filter(|(_, cached)| cached.id() != profile.id()) {
-                    let (map, before, now) = (map.to_owned(), cached.id(), profile.id());
-                    self.transport.options().notify(&Notice::ProfileChanged { map, before, now });
+                let current = T::decode(&reply.body).map_err(|e| bad(printable(&e.to_string())))?;
+                self.check_id(map, &current)?;
+                if let Some((_, cached)) = cached.filter(|(_, cached)| cached.id() != current.id()) {
+                    let (map, before, now) = (map.to_owned(), cached.id(), current.id());
+                    self.transport.options().notify(&Notice::Changed { what: T::WHAT, map, before, now });
                 }
                 if let Some(file) = file {
                     store(&file, &reply.body, self.transport.options());
                 }
-                Ok(profile)
+                Ok(current)
             }
-            (304, Some((_, profile))) => self.check_id(map, &profile).map(|()| profile),
+            (304, Some((_, current))) => self.check_id(map, &current).map(|()| current),
             _ => Err(refused(&reply)),
         }
     }
 
-    /// Refuses another profile than the one whose id is given for this map.
-    fn check_id(&self, map: &str, profile: &Profile) -> Result<(), ClientError> {
-        match self.transport.options().profile_ids.get(map) {
-            Some(expected) if *expected != profile.id() => Err(ClientError::OtherProfile {
+    /// Refuses another one than that whose id is given for this map.
+    fn check_id<T: Published>(&self, map: &str, current: &T) -> Result<(), ClientError> {
+        match T::ids(self.transport.options()).get(map) {
+            Some(expected) if *expected != current.id() => Err(ClientError::OtherId {
+                what: T::WHAT,
                 map: map.to_owned(),
                 expected: *expected,
-                actual: profile.id(),
+                actual: current.id(),
             }),
             _ => Ok(()),
         }
@@ -155,6 +167,57 @@ impl Client {
         }
         // A service that does not know the option returns doubtful poses too; then this client withholds them.
         Ok(if request.trusted_only { answer.trusted_only() } else { answer })
+    }
+}
+
+/// What a service publishes of a map for devices.
+trait Published: Sized {
+    /// The word in addresses and names of files.
+    const WHAT: &str;
+    /// The name in messages.
+    const NAME: &str;
+    /// Maximum number of bytes.
+    const MAX: u64;
+
+    fn decode(bytes: &[u8]) -> Result<Self, QueryError>;
+    fn id(&self) -> MessageId;
+    /// The ids that the operator publishes elsewhere, by map.
+    fn ids(options: &ClientOptions) -> &BTreeMap<String, MessageId>;
+}
+
+impl Published for Profile {
+    const WHAT: &str = "profile";
+    const NAME: &str = "the profile";
+    const MAX: u64 = 2 << 20;
+
+    fn decode(bytes: &[u8]) -> Result<Self, QueryError> {
+        Self::decode(bytes)
+    }
+
+    fn id(&self) -> MessageId {
+        self.id()
+    }
+
+    fn ids(options: &ClientOptions) -> &BTreeMap<String, MessageId> {
+        &options.profile_ids
+    }
+}
+
+impl Published for Pack {
+    const WHAT: &str = "pack";
+    const NAME: &str = "the pack";
+    const MAX: u64 = 256 << 20;
+
+    fn decode(bytes: &[u8]) -> Result<Self, QueryError> {
+        Self::decode(bytes)
+    }
+
+    fn id(&self) -> MessageId {
+        self.id()
+    }
+
+    fn ids(options: &ClientOptions) -> &BTreeMap<String, MessageId> {
+        &options.pack_ids
     }
 }
 

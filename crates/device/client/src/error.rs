@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use veiloc_obfuscation::SealError;
-use veiloc_protocol::{ProfileId, QueryError, RigMessage, UnbalancedAnchors};
+use veiloc_protocol::{MessageId, QueryError, RigMessage, UnbalancedAnchors};
 
 use crate::Refusal;
 
@@ -76,16 +76,18 @@ pub enum ClientError {
     /// Fetch the profile; this image must not be sealed a second time.
     #[error("{0}")]
     WrongProfile(Refusal),
-    /// The map has another profile than [`ClientOptions::profile_ids`](crate::ClientOptions::profile_ids) says. It was
-    /// not used, and nothing was sealed.
-    #[error("the profile of the map {map} is {actual}, not {expected}")]
-    OtherProfile {
+    /// The map has another profile or pack than [`ClientOptions::profile_ids`](crate::ClientOptions::profile_ids) or
+    /// [`ClientOptions::pack_ids`](crate::ClientOptions::pack_ids) says. It was not used, and nothing was sealed.
+    #[error("the {what} of the map {map} is {actual}, not {expected}")]
+    OtherId {
+        /// `profile` or `pack`.
+        what: &'static str,
         /// Name of the map.
         map: String,
         /// The given id.
-        expected: ProfileId,
-        /// The id of the service's profile.
-        actual: ProfileId,
+        expected: MessageId,
+        /// The id of the service's.
+        actual: MessageId,
     },
     /// Any other error response: about the token, the map or the query.
     #[error("{0}")]

@@ -74,10 +74,10 @@
 
 mod address;
 mod atomic_file;
+mod cache;
 mod client;
 mod error;
 mod options;
-mod profile_cache;
 mod progressive;
 mod refusal;
 mod request;
@@ -94,10 +94,10 @@ pub use session_file::SessionFile;
 pub use veiloc_features::{Image, Mask, load_mask};
 pub use veiloc_geometry::{CameraFromRig, Intrinsics};
 pub use veiloc_obfuscation::{
-    Extracted, KnownCamera, Orientation, SealError, SealOptions, Sealer, Session, SessionAnchors,
-    SessionOptions, SessionSealer, device_rng,
+    Extracted, KnownCamera, KnownPlace, Orientation, PackUse, SealError, SealOptions, Sealer, Session,
+    SessionAnchors, SessionOptions, SessionSealer, device_rng,
 };
 pub use veiloc_protocol::{
-    Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, CoarseGravity, FocalKnowledge, PositionHint,
-    Profile, RigMessage, Scheme, SealedFrame, SealedQuery, StopCriterion,
+    Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, CoarseGravity, FocalKnowledge, Pack,
+    PositionHint, Profile, RigMessage, Scheme, SealedFrame, SealedQuery, StopCriterion,
 };

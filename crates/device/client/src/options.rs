@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use veiloc_protocol::ProfileId;
+use veiloc_protocol::MessageId;
 
 /// When the same bytes are sent again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,18 +37,20 @@ pub enum Notice {
         /// The pause before the retry.
         pause: Duration,
     },
-    /// The profile of a map is another one than the cached one of an earlier call: the map was replaced, or the service
-    /// gives this device a profile of its own. Compare it with the one that the operator publishes
-    /// ([`ClientOptions::profile_ids`]).
-    ProfileChanged {
+    /// The profile or pack of a map is another one than the cached one of an earlier call: the map was replaced, or the
+    /// service gives this device one of its own. Compare it with the one that the operator publishes
+    /// ([`ClientOptions::profile_ids`], [`ClientOptions::pack_ids`]).
+    Changed {
+        /// `profile` or `pack`.
+        what: &'static str,
         /// Name of the map.
         map: String,
-        /// Id of the profile before.
-        before: ProfileId,
+        /// Its id before.
+        before: MessageId,
         /// Its id now.
-        now: ProfileId,
+        now: MessageId,
     },
-    /// A profile could not be stored on disk; it is fetched again next time.
+    /// A profile or pack could not be stored on disk; it is fetched again next time.
     CacheWriteFailed {
         /// The file.
         file: PathBuf,
@@ -79,12 +81,14 @@ pub struct ClientOptions {
     pub connect_timeout: Duration,
     /// Time limit from connecting to the last byte of the answer, for each attempt. Default 60 s.
     pub timeout: Duration,
-    /// Folder for cached profiles, created when needed. Without one, profiles are fetched each time.
+    /// Folder for cached profiles and packs, created when needed. Without one, they are fetched each time.
     pub cache: Option<PathBuf>,
     /// Ids of profiles by the name of their map, as their operator publishes them. A map in this list with another
     /// profile is an error, and nothing is sealed for it: a service could give one user a profile of its own, to
     /// recognize that user. Default: none.
-    pub profile_ids: BTreeMap<String, ProfileId>,
+    pub profile_ids: BTreeMap<String, MessageId>,
+    /// The same for packs.
+    pub pack_ids: BTreeMap<String, MessageId>,
     /// Receives the events of a call, on the thread of the call.
     pub notice: Option<Arc<NoticeListener>>,
 }
@@ -100,6 +104,7 @@ impl Default for ClientOptions {
             timeout: Duration::from_secs(60),
             cache: None,
             profile_ids: BTreeMap::new(),
+            pack_ids: BTreeMap::new(),
             notice: None,
         }
     }
@@ -123,6 +128,7 @@ impl fmt::Debug for ClientOptions {
             .field("timeout", &self.timeout)
             .field("cache", &self.cache)
             .field("profile_ids", &self.profile_ids)
+            .field("pack_ids", &self.pack_ids)
             .finish_non_exhaustive()
     }
 }

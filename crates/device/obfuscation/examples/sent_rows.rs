@@ -68,7 +68,7 @@ fn rows(border: &str, path: &Path) -> Result<Vec<u8>, BoxError> {
         bytes.extend([u, v].into_iter().flat_map(|at| (at as f32).to_le_bytes()));
     }
     for &row in &real {
-        bytes.extend(query.descriptors().row(row));
+        bytes.extend(query.descriptors().expect("rows").row(row));
     }
     Ok(bytes)
 }

@@ -87,6 +87,7 @@ pub fn options_for(scheme: Scheme) -> SealOptions {
         max_keypoints: usize::MAX,
         max_image_side: u32::MAX,
         max_vocabulary_words: usize::MAX,
+        max_pack_rows: usize::MAX,
     };
     options.with_limits(everything)
 }

@@ -93,6 +93,34 @@ pub enum SealError {
         /// Usable keypoints.
         keypoints: usize,
     },
+    /// Hardly anything in the image is of the place whose pack the device has.
+    #[error(
+        "{matching} of {extracted} keypoints match the place: the image does not show this place, or in other light or \
+         season; nothing was sealed"
+    )]
+    NotThisPlace {
+        /// How many probably match.
+        matching: usize,
+        /// Keypoints of the image.
+        extracted: usize,
+    },
+    /// Packs are used with SIFT and compact descriptors.
+    #[error("a pack of {kind} descriptors cannot be used: there is a background for sift and compact only")]
+    PackKind {
+        /// The descriptor kind.
+        kind: String,
+    },
+    /// The pack is of another map than the profile.
+    #[error("the pack is of another map than the profile; fetch both again")]
+    PackOfOtherMap,
+    /// The pack is larger than the device allows.
+    #[error("the pack has {rows} rows, this device accepts at most {allowed}; use the pack of a region")]
+    PackTooLarge {
+        /// How many it has.
+        rows: usize,
+        /// How many are accepted.
+        allowed: usize,
+    },
     /// The layout of a session would have to be placed anew more often than is allowed.
     #[error(
         "{starts} images of this scene were sealed with different anchors, and at most {most} are allowed: the lines of \
@@ -177,6 +205,8 @@ pub enum SealErrorKind {
     Texture,
     /// The query could not determine a pose: take another image.
     Unbalanced,
+    /// Hardly anything in the image is of the place: point the camera at the place.
+    NotThisPlace,
     /// The bytes are not a session, or damaged: begin a new one.
     Session,
     /// The session would have to be placed anew too often: walk on, and show another view.
@@ -196,6 +226,7 @@ impl SealErrorKind {
             Self::Image => "image",
             Self::Texture => "texture",
             Self::Unbalanced => "unbalanced",
+            Self::NotThisPlace => "not-this-place",
             Self::Session => "session",
             Self::TooManyStarts => "too-many-starts",
             Self::TurnedAway => "turned-away",
@@ -215,6 +246,7 @@ impl SealError {
                 SealErrorKind::Texture
             }
             Self::Unbalanced(_) => SealErrorKind::Unbalanced,
+            Self::NotThisPlace { .. } => SealErrorKind::NotThisPlace,
             Self::NotASession | Self::SessionVersion { .. } | Self::SessionDamaged { .. } => {
                 SealErrorKind::Session
             }

@@ -4,7 +4,7 @@ use veiloc_descriptor::{GlobalModel, Vocabulary};
 use veiloc_features::{Extractors, SharedGlobal};
 use veiloc_protocol::{AngleBits, ExtractionLimits, Profile, Scheme};
 
-use crate::SealError;
+use crate::{KnownPlace, PackUse, SealError};
 
 /// How an image is sealed. The device decides all of it; no option comes from a profile.
 ///
@@ -31,6 +31,7 @@ pub struct SealOptions {
     only_balanced: bool,
     extractors: Extractors,
     image_global: Option<SharedGlobal>,
+    place: Option<(KnownPlace, PackUse)>,
 }
 
 /// `dcl` with its default layout, 12-bit angles, as many keypoints as the profile requests within
@@ -47,6 +48,7 @@ impl Default for SealOptions {
             only_balanced: false,
             extractors: Extractors::for_sealing(),
             image_global: None,
+            place: None,
         }
     }
 }
@@ -133,6 +135,35 @@ impl SealOptions {
         self
     }
 
+    /// These options with the pack of the place: nothing is sent that the place does not explain
+    /// (`docs/guide/pack.md`). `PackUse` says what is sent of the rest.
+    #[must_use]
+    pub fn with_place(mut self, place: KnownPlace, usage: PackUse) -> Self {
+        self.place = Some((place, usage));
+        self
+    }
+
+    /// The place of the pack.
+    ///
+    /// # Errors
+    /// [`SealError::PackOfOtherMap`] when it is of another map than the profile, and [`SealError::PackTooLarge`].
+    pub(crate) fn place(&self, profile: &Profile) -> Result<Option<KnownPlace>, SealError> {
+        let Some((place, _)) = &self.place else { return Ok(None) };
+        let (rows, allowed) = (place.pack().row_count(), self.limits.max_pack_rows);
+        if rows > allowed {
+            return Err(SealError::PackTooLarge { rows, allowed });
+        }
+        if place.pack().profile() != profile {
+            return Err(SealError::PackOfOtherMap);
+        }
+        Ok(Some(place.clone()))
+    }
+
+    /// What is sent of the rows that the place explains.
+    pub(crate) fn pack_use(&self) -> PackUse {
+        self.place.as_ref().map_or_else(PackUse::default, |(_, usage)| *usage)
+    }
+
     /// The extractor of the global descriptor that this profile requests; `None` where the server computes it from the
     /// rows.
     ///
@@ -217,6 +248,8 @@ pub struct DeviceLimits {
     /// Most words of a vocabulary. Default 512, the most that maps are built with. Each word adds as many bytes to
     /// every query as a descriptor has.
     pub max_vocabulary_words: usize,
+    /// Most rows of a pack. Default 2^20, some 33 MB of compact descriptors; the search takes time in proportion.
+    pub max_pack_rows: usize,
 }
 
 impl DeviceLimits {
@@ -234,6 +267,6 @@ impl DeviceLimits {
 
 impl Default for DeviceLimits {
     fn default() -> Self {
-        Self { max_keypoints: 2048, max_image_side: 2048, max_vocabulary_words: 512 }
+        Self { max_keypoints: 2048, max_image_side: 2048, max_vocabulary_words: 512, max_pack_rows: 1 << 20 }
     }
 }

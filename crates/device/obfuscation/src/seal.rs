@@ -7,6 +7,7 @@ use veiloc_geometry::{Intrinsics, Pixel};
 use veiloc_protocol::{CanonicalCamera, QueryError, QueryParts, Scheme, SealedQuery, SizeClass};
 
 use crate::decoy;
+use crate::pack::{PlaceRows, RowContent};
 use crate::positions::{DistinctPositions, dither};
 use crate::rule::{FrameRule, RowHistory};
 use crate::schemes::dcl::{AnchorAngle, DclLift};
@@ -17,7 +18,7 @@ use crate::{Extracted, SealError, Sealer};
 #[derive(Clone, Copy)]
 pub(crate) struct SelectedKeypoint {
     pub(crate) source: usize,
-    pixel: Pixel,
+    pub(crate) pixel: Pixel,
     /// The row to repeat, when the keypoint was sent in an earlier frame.
     sent: Option<AnchorAngle>,
 }
@@ -75,14 +76,24 @@ impl Sealer {
         if usable.is_empty() {
             return Err(SealError::NoKeypoints { extracted: features.keypoints.len() });
         }
-        let rows = SizeClass::for_count(usable.len()).rows();
+        let known = match self.place() {
+            Some(place) => Some(PlaceRows::select(place, options.pack_use(), features, &mut usable)?),
+            None => None,
+        };
+        let rows = known.as_ref().map_or_else(|| SizeClass::for_count(usable.len()), PlaceRows::size).rows();
         usable.truncate(rows);
 
         let mut positions = DistinctPositions::new(usable.iter().map(|selected| selected.pixel));
         let real_positions = positions.pixels.len();
         let decoys = rows - usable.len();
-        let mut descriptors = features.descriptors.select(usable.iter().map(|selected| selected.source));
-        decoy::add(&mut positions, &mut descriptors, decoys, size, clear, rng)?;
+        let content = if let Some(known) = known {
+            decoy::scatter(&mut positions, decoys, size, clear, rng);
+            known.content(features, &usable, decoys, rng)
+        } else {
+            let mut descriptors = features.descriptors.select(usable.iter().map(|s| s.source));
+            decoy::add(&mut positions, &mut descriptors, decoys, size, clear, rng)?;
+            RowContent::Descriptors(descriptors)
+        };
 
         // With a session's grid, angles must repeat; dither would prevent that.
         let dithered: Vec<Pixel> = match rule.grid {
@@ -107,8 +118,8 @@ impl Sealer {
         };
 
         let image_global = match self.image_global() {
-            Some(_) => Some(features.global.clone().ok_or(SealError::NoGlobal)?),
-            None => None,
+            Some(_) if content.is_described() => Some(features.global.clone().ok_or(SealError::NoGlobal)?),
+            _ => None,
         };
         let mut order: Vec<usize> = (0..rows).collect();
         order.shuffle(rng);
@@ -117,8 +128,7 @@ impl Sealer {
             scheme,
             angle_bits,
             rows: select(&lifted, order.iter().map(|&row| positions.index[row])),
-            descriptors: descriptors.select(order.iter().copied()),
-            image_global,
+            content: content.in_order(&order, image_global)?,
             hints: extracted.hints(options),
             turn,
         };

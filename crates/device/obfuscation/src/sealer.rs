@@ -6,7 +6,7 @@ use veiloc_protocol::{CoarseGravity, ExtractionLimits, Hints, Profile, SealedQue
 
 use crate::rule::FrameRule;
 use crate::seal::HiddenState;
-use crate::{KnownCamera, Orientation, SealError, SealOptions, Session};
+use crate::{KnownCamera, KnownPlace, Orientation, SealError, SealOptions, Session};
 
 /// Seals images for one map: [`Self::extract`], then [`Self::seal`], alone or [`Self::in_session`].
 ///
@@ -17,6 +17,7 @@ pub struct Sealer {
     options: SealOptions,
     limits: ExtractionLimits,
     image_global: Option<SharedGlobal>,
+    place: Option<KnownPlace>,
 }
 
 impl Sealer {
@@ -29,7 +30,8 @@ impl Sealer {
     pub fn new(profile: &Profile, options: SealOptions) -> Result<Self, SealError> {
         let image_global = options.image_global(profile)?.cloned();
         let limits = options.bounded(profile)?;
-        Ok(Self { profile: profile.clone(), options, limits, image_global })
+        let place = options.place(profile)?;
+        Ok(Self { profile: profile.clone(), options, limits, image_global, place })
     }
 
     /// Features of an image as the profile requests them, within the limits of the device, with the global descriptor of
@@ -107,6 +109,11 @@ impl Sealer {
     /// The profile of the map.
     pub const fn profile(&self) -> &Profile {
         &self.profile
+    }
+
+    /// The place of the pack, if the device has one.
+    pub const fn place(&self) -> Option<&KnownPlace> {
+        self.place.as_ref()
     }
 
     /// The decisions of the device.

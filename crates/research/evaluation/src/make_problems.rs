@@ -10,13 +10,13 @@ use rand_chacha::ChaCha20Rng;
 use veiloc_datasets::problem_files::problems::{CameraLine, PoseLine, ProblemLine};
 use veiloc_datasets::problem_files::{KeypointImage, seed_for};
 use veiloc_features::Progress;
-use veiloc_localization::matching::match_points;
+use veiloc_localization::matching::{PairEvidence, match_points};
 use veiloc_localization::observe_matches;
 use veiloc_localization::retrieval::retrieve;
 use veiloc_map::MapFile;
 use veiloc_obfuscation::SealTruth;
 use veiloc_pose::Correspondences;
-use veiloc_protocol::{Observations, Scheme, SealedQuery};
+use veiloc_protocol::{Observations, QueryContent, Scheme, SealedQuery};
 
 use crate::SceneEvaluation;
 use crate::error::EvalError;
@@ -89,14 +89,14 @@ fn keypoints(name: &str, sealed: &SealedQuery, truth: &SealTruth, strengths: &[f
         // This function does not use these schemes: they have no positions.
         Observations::Lines(_) | Observations::EitherLine(_) | Observations::Anchored { .. } => Vec::new(),
     };
-    let descriptors = sealed.descriptors().to_owned().select(order.iter().copied());
+    let descriptors = sealed.descriptors().map(|rows| rows.to_owned().select(order.iter().copied()));
     let camera = sealed.camera();
     KeypointImage {
         name: name.to_owned(),
         width: camera.width,
         height: camera.height,
         keypoints: order.iter().filter_map(|row| pixels.get(*row).copied()).collect(),
-        descriptors: Some(descriptors),
+        descriptors,
     }
 }
 
@@ -106,8 +106,17 @@ fn line(
     scene: &SceneEvaluation,
     sealed: &SealedQuery,
 ) -> Result<ProblemLine, EvalError> {
-    let retrieved = retrieve(sealed.global(), map.into(), scene.localize().retrieve);
-    let matches = match_points(sealed.descriptors(), map.into(), &retrieved, &scene.localize().matching);
+    let QueryContent::Described { descriptors, global } = sealed.content() else {
+        return Err(EvalError::DataSet(format!("{}: a query without descriptors", query.name)));
+    };
+    let retrieved = retrieve(global, map.into(), scene.localize().retrieve);
+    let matches = match_points(descriptors.view(), map.into(), &retrieved, &scene.localize().matching);
+    let evidence = matches.iter().map(|m| match m.evidence {
+        PairEvidence::Descriptors { ratio, votes } => (f64::from(ratio), votes),
+        // A device with a pack does not say.
+        PairEvidence::Device(_) => (1.0, 1),
+    });
+    let (ratio, votes) = evidence.unzip();
     let rows: Vec<usize> = matches.iter().map(|m| m.query).collect();
     let Correspondences::Points { pixels } = observe_matches(&sealed.observations(), &rows).correspondences
     else {
@@ -129,8 +138,8 @@ fn line(
             t: (*query.cam_from_world.translation()).into(),
         },
         features: Some(map.profile().descriptor_kind().name().to_owned()),
-        ratio: Some(matches.iter().map(|m| f64::from(m.ratio)).collect()),
-        votes: Some(matches.iter().map(|m| m.votes).collect()),
+        ratio: Some(ratio),
+        votes: Some(votes),
         track_length: Some(matches.iter().map(|m| map.seen_by(m.point) as u32).collect()),
         seen_from: Some(
             matches

@@ -8,13 +8,13 @@ use veiloc_protocol::QueryError;
 /// No message contains any content of the query (leak L8).
 #[derive(Debug, thiserror::Error)]
 pub enum LocalizeError {
-    /// The query was sealed for another map, or with an outdated profile.
+    /// The query was sealed for another map, or with an outdated profile or pack.
     #[error(
-        "{source}; export this map's profile with `veiloc map profile`, and seal with it another image, taken at least one \
-         step away"
+        "{source}; export this map's profile with `veiloc map profile`, or its pack with `veiloc map pack`, and seal with \
+         it another image, taken at least one step away"
     )]
     WrongProfile {
-        /// The profile of the query, and the expected one.
+        /// The profile or pack of the query, and the expected one.
         source: QueryError,
     },
     /// The map has no image or no point.

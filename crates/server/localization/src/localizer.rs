@@ -5,21 +5,20 @@ use std::time::Instant;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use veiloc_descriptor::MatchOptions;
+use veiloc_descriptor::{MatchEvidence, MatchOptions, MatchPrior, match_probability};
 use veiloc_geometry::CameraFromWorld;
-use veiloc_map::{CameraErrors, MapFile, MapView, PointId};
+use veiloc_map::{CameraErrors, MapFile, MapView, PackPoints, PointId};
 use veiloc_pose::likelihood::{CameraEvidence, MapCameras};
-use veiloc_pose::prior::{Evidence, MatchPrior, match_probability};
 use veiloc_pose::{
     Confidence, FocalPrior, Gravity, PoseOptions, PoseProblem, PositionPrior, Precision, Rival, State,
     estimate_pose,
 };
-use veiloc_protocol::{CoarseGravity, GravityUse, SealedQuery};
+use veiloc_protocol::{CoarseGravity, GravityUse, PackId, QueryContent, QueryError, RowMatches, SealedQuery};
 
 use crate::calibrated::{CalibratedEstimate, RawEstimate};
 use crate::correspondences::observe_matches;
 use crate::error::LocalizeError;
-use crate::matching::{PointMatch, match_points_until};
+use crate::matching::{PairEvidence, PointMatch, match_points_until, matches_of_device};
 use crate::retrieval::{RetrievedImage, retrieve_with_other_places};
 
 /// Options of localization.
@@ -163,7 +162,7 @@ pub struct MatchResult {
 /// Retrieves and matches in a map, from which an image may be left out.
 ///
 /// # Errors
-/// [`LocalizeError`]: the query was sealed for another map, or the map is empty.
+/// [`LocalizeError`]: the query was sealed for another map or pack, or the map is empty.
 pub fn match_in(
     query: &SealedQuery,
     map: MapView<'_>,
@@ -174,10 +173,20 @@ pub fn match_in(
         return Err(LocalizeError::EmptyMap);
     }
     let started = Instant::now();
-    let retrieved = retrieve_with_other_places(query.global(), map, options.retrieve);
-    let retrieved_at = Instant::now();
     let stop = &options.pose.stop;
-    let matches = match_points_until(query.descriptors(), map, &retrieved, &options.matching, stop);
+    let (matches, retrieved, retrieved_at) = match query.content() {
+        QueryContent::Described { descriptors, global } => {
+            let retrieved = retrieve_with_other_places(global, map, options.retrieve);
+            let retrieved_at = Instant::now();
+            let matches = match_points_until(descriptors.view(), map, &retrieved, &options.matching, stop);
+            (matches, retrieved, retrieved_at)
+        }
+        QueryContent::Matched { pack, matches, .. } => {
+            let points = check_pack(map.file(), *pack, matches)?;
+            let (matches, retrieved) = matches_of_device(matches, points, map, options.retrieve);
+            (matches, retrieved, started)
+        }
+    };
     if stop.is_set() {
         return Err(LocalizeError::Stopped);
     }
@@ -185,10 +194,28 @@ pub fn match_in(
     Ok(MatchResult { retrieved, matches, retrieve_ms, match_ms })
 }
 
+/// The points of the map's pack, if a query was matched with this pack.
+fn check_pack<'a>(
+    map: &'a MapFile,
+    pack: PackId,
+    matches: &RowMatches,
+) -> Result<&'a PackPoints, LocalizeError> {
+    let wrong = |source| LocalizeError::WrongProfile { source };
+    let points = map.pack_points().map_err(wrong)?;
+    if points.id() != pack {
+        return Err(wrong(QueryError::WrongPack { query: pack, map: points.id() }));
+    }
+    if points.len() != matches.points() as usize {
+        let (expected, actual) = (points.len().to_string(), matches.points().to_string());
+        return Err(wrong(QueryError::Mismatch { what: "points of the pack", expected, actual }));
+    }
+    Ok(points)
+}
+
 /// Retrieves and matches, as [`localize`] does before pose estimation.
 ///
 /// # Errors
-/// [`LocalizeError`]: the query was sealed for another map, or the map is empty.
+/// [`LocalizeError`]: the query was sealed for another map or pack, or the map is empty.
 pub fn match_query(
     query: &SealedQuery,
     map: &MapFile,
@@ -208,7 +235,7 @@ fn problem_of(
     let rows: Vec<usize> = matches.iter().map(|m| m.query).collect();
     let observed = observe_matches(&query.observations(), &rows);
     let of_match = |m: &usize| &matches[*m];
-    let prior = query.descriptors().kind().match_prior();
+    let prior = query.descriptor_kind().match_prior();
     let points = observed.match_of.iter().map(|m| map.point(of_match(m).point)).collect();
     let mut problem = PoseProblem::new(query.camera(), observed.correspondences, observed.keypoints, points);
     problem.prior = options
@@ -339,6 +366,14 @@ pub(crate) fn count_distinct(numbers: impl Iterator<Item = usize>) -> usize {
 
 /// Prior probability that a match is right, before geometry.
 fn prior_of(m: &PointMatch, map: MapView<'_>, prior: &MatchPrior) -> f64 {
-    let track_length = u32::try_from(map.seen_by(m.point)).ok();
-    match_probability(prior, &Evidence { ratio: f64::from(m.ratio), votes: Some(m.votes), track_length })
+    match m.evidence {
+        PairEvidence::Device(probability) => probability,
+        PairEvidence::Descriptors { ratio, votes } => {
+            let track_length = u32::try_from(map.seen_by(m.point)).ok();
+            match_probability(
+                prior,
+                &MatchEvidence { ratio: f64::from(ratio), votes: Some(votes), track_length },
+            )
+        }
+    }
 }

@@ -1,6 +1,6 @@
 //! Image retrieval by global descriptors.
 
-use veiloc_descriptor::{GlobalDescriptor, GlobalIndex};
+use veiloc_descriptor::{GlobalDescriptor, GlobalIndex, images_of_other_places};
 use veiloc_map::{MapView, PointId};
 
 /// A retrieved image.
@@ -22,8 +22,8 @@ pub fn retrieve(query: &GlobalDescriptor, map: MapView<'_>, count: usize) -> Vec
 
 /// [`retrieve`], and after its images up to three of other places that look nearly as much like the query.
 ///
-/// An image is of another place if it shares no points with the retrieved ones. Without these images the matches hold
-/// one of two places that look alike, the one that was photographed from nearer viewpoints, and nothing of the other.
+/// Without these images the matches hold one of two places that look alike, and nothing of the other
+/// ([`images_of_other_places`]).
 pub fn retrieve_with_other_places(
     query: &GlobalDescriptor,
     map: MapView<'_>,
@@ -35,23 +35,13 @@ pub fn retrieve_with_other_places(
     let least = MIN_SIMILARITY_SHARE * best.similarity;
     let alike = further.iter().take_while(|image| least > 0.0 && image.similarity >= least);
     let alike: Vec<RetrievedImage> = alike.copied().collect();
-    if alike.is_empty() {
-        return retrieved;
-    }
-    let points = |image: usize| {
+    let points = |image: usize| -> Vec<PointId> {
         let image = map.file().image(image);
-        (0..image.keypoints().len()).filter_map(move |keypoint| map.point_of(&image, keypoint))
+        (0..image.keypoints().len()).filter_map(|keypoint| map.point_of(&image, keypoint)).collect()
     };
-    let mut seen: Vec<PointId> = retrieved.iter().flat_map(|image| points(image.image)).collect();
-    seen.sort_unstable();
-    let is_elsewhere = |image: &RetrievedImage| {
-        let own: Vec<PointId> = points(image.image).collect();
-        // A sample decides: covisible images share a large part of their points.
-        let sample = || own.iter().step_by(own.len().div_ceil(MAX_SAMPLE).max(1));
-        let shared = sample().filter(|point| seen.binary_search(point).is_ok()).count();
-        !own.is_empty() && shared * 50 < sample().count()
-    };
-    retrieved.extend(alike.into_iter().filter(is_elsewhere).take(OTHER_IMAGES));
+    let chosen: Vec<usize> = retrieved.iter().map(|image| image.image).collect();
+    let others = images_of_other_places(&chosen, alike.iter().map(|image| image.image), points);
+    retrieved.extend(alike.into_iter().filter(|image| others.contains(&image.image)));
     retrieved
 }
 
@@ -68,15 +58,9 @@ fn ranked(query: &GlobalDescriptor, map: MapView<'_>, requested: usize, count: u
     found.into_iter().map(|(image, similarity)| RetrievedImage { image, similarity }).collect()
 }
 
-/// Images of other places that are added.
-const OTHER_IMAGES: usize = 3;
-
 /// How many of the images after the retrieved ones are examined.
 const MAX_RANKS: usize = 100;
 
 /// Least similarity of an added image, as a share of that of the most similar image. Images of other places had at most
 /// 0.30 of it on RedKitchen, 0.46 on tum-fr1-rpy, and 0.73 on hololens-office (rooms with equal furniture).
 const MIN_SIMILARITY_SHARE: f32 = 0.7;
-
-/// Points of an image that are compared with those of the retrieved ones.
-const MAX_SAMPLE: usize = 200;

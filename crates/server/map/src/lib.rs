@@ -12,6 +12,7 @@
 //! - [`GravityDirection`]: the direction of gravity in the map, if known. [`AlignmentAccuracy`]: how well its frame is known.
 //! - [`WholeMapSummary`]: data that a compressed map keeps about the whole map.
 //! - [`Region`]: the part of a larger map that a map is; [`MapFile::region`] extracts it.
+//! - [`MapFile::pack`]: its descriptors without positions, for devices.
 //! - [`MapView`]: a map file, whole or with one image left out.
 //! - [`text`]: text files that people and other programs write.
 //! - [`colmap`]: strict reader and writer of COLMAP models, text and binary; [`write_ply`] writes the points of a
@@ -56,6 +57,7 @@ mod file;
 mod gravity;
 mod model;
 mod name;
+mod pack;
 mod ply;
 mod posed;
 mod region;
@@ -74,6 +76,7 @@ pub use file::{
 pub use gravity::{GravityDirection, GravityDirectionError};
 pub use model::{MapImage, MapModel, MapPoint, Observation, PointId};
 pub use name::is_map_name;
+pub use pack::PackPoints;
 pub use ply::write_ply;
 pub use posed::{PosedImage, PosedImages};
 pub use region::{Region, RegionImage};

@@ -161,6 +161,8 @@ pub struct ServerOptions {
     pub page: Option<Arc<Page>>,
     /// Maximum number of map points shown on the page to clients that may use the map. Default 0: none.
     pub page_points: usize,
+    /// Whether devices get the packs of the maps: what the places look like, without where.
+    pub packs: bool,
 }
 
 impl ServerOptions {
@@ -198,6 +200,7 @@ impl ServerOptions {
             localize: LocalizeOptions::default(),
             page: None,
             page_points: 0,
+            packs: false,
         }
     }
 

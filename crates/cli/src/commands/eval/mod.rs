@@ -6,6 +6,7 @@ pub(crate) mod html;
 mod inversion;
 mod keypoints;
 mod negatives;
+mod pack;
 mod pose;
 mod posed_scene;
 mod problems;
@@ -36,6 +37,8 @@ pub(crate) enum Command {
     Inversion(Box<inversion::Args>),
     /// Extract keypoints and descriptors of images, for `attack` and for training predictors.
     Keypoints(keypoints::Args),
+    /// Look up the keypoints of images in the pack of a place: which of them a device with this pack sends.
+    Pack(pack::Args),
 }
 
 /// Runs a command of `veiloc eval`.
@@ -52,5 +55,6 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::Adversaries(args) => adversaries::run(args, ui),
         Command::Inversion(args) => inversion::run(args, ui),
         Command::Keypoints(args) => keypoints::run(args, ui),
+        Command::Pack(args) => pack::run(args, ui),
     }
 }

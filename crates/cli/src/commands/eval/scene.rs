@@ -147,6 +147,8 @@ depend on --seed, the name of the image and the name of the part):
                   accelerates or lies
   frames:N        each query is localized together with the N-1 queries before it in the list, with the true relative
                   poses and noise at every step; errors are those of its own pose. All frames:N have the same queries
+  pack:explained  the device has the pack of the map, and sends only rows that it explains
+  pack:matches    the device matches with the pack, and sends points without descriptors
   negatives       the images of --negatives in place of the queries; with gravity:SD their gravity is random";
 
 /// Parses a number above 1.

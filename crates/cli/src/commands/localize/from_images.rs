@@ -88,7 +88,11 @@ impl ImageArgs {
             ));
         }
         warn_of_turned(images.iter().map(|(item, camera)| (item.path.as_path(), *camera)), ui);
-        let sealer = self.device.sealer(map.profile(), ui)?;
+        let sealer = self.device.sealer(
+            map.profile(),
+            || map.pack().map(|(pack, _)| pack).map_err(Failure::refused),
+            ui,
+        )?;
         let attitude = Attitude { gravity: self.device.gravity(), ..Attitude::default() };
         Ok(Some(Sealing { images, sealer, attitude }))
     }

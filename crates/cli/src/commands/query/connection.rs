@@ -7,7 +7,7 @@ use veiloc_client::{Client, ClientError, ClientOptions, Notice};
 use veiloc_map::text::{text_of, without_mark};
 use veiloc_protocol::ProfileId;
 
-use crate::commands::seal::OTHER_PROFILE;
+use crate::commands::seal::OTHER_ID;
 use crate::output::exit::Failure;
 use crate::output::files;
 use crate::output::ui::Ui;
@@ -33,7 +33,7 @@ pub(super) struct Connection {
     /// Number of retries with the same bytes if the service is busy or the network fails.
     #[arg(long, default_value_t = 4, value_name = "N")]
     retries: u32,
-    /// Cache folder for profiles. Default: the user's cache folder.
+    /// Cache folder for profiles and packs. Default: the user's cache folder.
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
 }
@@ -76,14 +76,14 @@ fn print_notice(ui: &Ui, notice: &Notice) {
         Notice::Again { reason, pause } => {
             ui.info(format!("{reason}; sending the same bytes again in {:.1} s", pause.as_secs_f64()));
         }
-        Notice::ProfileChanged { map, before, now } => {
+        Notice::Changed { what, map, before, now } => {
             ui.warn(format!(
-                "the profile of the map {map} changed since the last query, from {before} to {now}; compare it with the id \
-                 that the operator publishes, and give that with --profile-id"
+                "the {what} of the map {map} changed since the last query, from {before} to {now}; compare it with the id \
+                 that the operator publishes, and give that with --{what}-id"
             ));
         }
         Notice::CacheWriteFailed { file, reason } => {
-            ui.info(format!("{}: the profile could not be cached: {reason}", file.display()));
+            ui.info(format!("{}: could not be cached: {reason}", file.display()));
         }
     }
 }
@@ -127,7 +127,7 @@ pub(super) fn failure(error: ClientError) -> Failure {
              FILE, with --orientation if the device knows it); without a session do not seal this image \
              twice: move by at least one step and take another image"
         }
-        ClientError::OtherProfile { .. } => OTHER_PROFILE,
+        ClientError::OtherId { .. } => OTHER_ID,
         ClientError::Refused(refusal) if refusal.name == "unauthenticated" => {
             "give a token with --token-file or in VEILOC_TOKEN"
         }

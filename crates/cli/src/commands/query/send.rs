@@ -39,7 +39,7 @@ pub(crate) struct Args {
     /// A session instead: a JSON file that names up to 32 sealed queries with the pose of each camera on the device and
     /// its standard deviations (docs/reference/formats.md). Gives one pose of the device.
     #[arg(long, value_name = "FILE",
-        conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "max_image_side", "profile_id", "focal_known", "gravity", "image_global", "session", "progressive", "mask", "hide"])]
+        conflicts_with_all = ["image", "camera", "scheme", "max_keypoints", "max_image_side", "profile_id", "focal_known", "gravity", "image_global", "pack", "pack_id", "send", "session", "progressive", "mask", "hide"])]
     rig: Option<PathBuf>,
     /// The camera: COLMAP's model name, width, height and parameters, for example
     /// SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034; a COLMAP cameras.txt with one camera; a map (.vmap) whose images
@@ -151,7 +151,12 @@ fn send(
     let client = args.connection.client(args.profile_id.map(|id| (args.map.as_str(), id)), ui)?;
     let profile = client.profile(&args.map).map_err(failure)?;
     ui.info(format!("map {}: profile {}", args.map, profile.id()));
-    let sealer = args.device.sealer(&profile, ui)?;
+    let pack_of_map = || {
+        let pack = client.pack(&args.map).map_err(failure)?;
+        ui.info(format!("map {}: pack {}", args.map, pack.id()));
+        Ok(pack)
+    };
+    let sealer = args.device.sealer(&profile, pack_of_map, ui)?;
     let gravity = args.device.gravity();
     let attitude = Attitude { orientation: args.session.camera_orientation(gravity), gravity };
     let mut session = args.session.open()?;

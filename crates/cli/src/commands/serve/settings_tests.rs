@@ -18,6 +18,7 @@ const VALUES: &[(&str, &str, &str)] = &[
     ("map", "[\"a=/a.vmap\", \"b=/b.vmap\"]", "a=/a.vmap;b=/b.vmap"),
     ("maps", "\"/maps\"", "/maps"),
     ("geo-reference", "[\"a=47.3,8.5,455\", \"b=-1,-2,3,90\"]", "a=47.3,8.5,455;b=-1,-2,3,90"),
+    ("packs", "true", "true"),
     ("map-memory", "\"mapped\"", "mapped"),
     #[cfg(feature = "cluster")]
     ("cluster", "\"nats://a:4222,nats://b:4222\"", "nats://a:4222,nats://b:4222"),

@@ -27,7 +27,6 @@ mod matches;
 mod objective;
 mod outlier_density;
 mod pose_priors;
-pub mod prior;
 mod problem;
 mod refine;
 mod system;

@@ -91,7 +91,7 @@ pub struct PoseProblem {
     pub points: Vec<Point3<World>>,
     /// Probability in (0, 1) that each correspondence is right, `[N]`; `None` treats all alike.
     ///
-    /// Used as sampling weight under both scores, and in the likelihood. See [`crate::likelihood::prior`].
+    /// Used as sampling weight under both scores, and in the likelihood. See `veiloc_descriptor::MatchPrior`.
     pub prior: Option<Vec<f64>>,
     /// From where each correspondence's descriptor was seen when the map was made, `[N]`: a pose from which the point
     /// looks different does not explain the match. `None` lets every pose see every point.

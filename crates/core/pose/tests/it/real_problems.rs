@@ -10,7 +10,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use support::{Query, obfuscate, read};
 use veiloc_descriptor::DescriptorKind;
-use veiloc_pose::prior::match_probability;
+use veiloc_descriptor::match_probability;
 use veiloc_pose::{PoseOptions, PoseProblem, ScoreKind, estimate_pose};
 use veiloc_testdata::real_data_test;
 

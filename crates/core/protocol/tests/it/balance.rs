@@ -4,7 +4,7 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::Anchor;
 use veiloc_protocol::{
     AnchoredRow, AngleBits, CanonicalCamera, Hints, LayoutTurn, LineRow, MIN_PER_SIDE, Profile, QueryParts,
-    Rows, SealedQuery, UnbalancedAnchors,
+    Rows, SealedQuery, SentContent, UnbalancedAnchors,
 };
 
 fn query(scheme: &str, rows: Rows) -> SealedQuery {
@@ -18,8 +18,7 @@ fn query(scheme: &str, rows: Rows) -> SealedQuery {
         scheme,
         angle_bits,
         rows,
-        descriptors,
-        image_global: None,
+        content: SentContent::Described { descriptors, image_global: None },
         hints: Hints::default(),
         turn: LayoutTurn::default(),
     };

@@ -8,7 +8,7 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_protocol::{
     AngleBits, CanonicalCamera, DclLayout, Hints, LayoutTurn, Observations, Profile, QueryParts, Rows,
-    Scheme, SealedQuery, SizeClass,
+    Scheme, SealedQuery, SentContent, SizeClass,
 };
 
 /// Length of a sealed query for a vocabulary of 64 words, from an example query.
@@ -44,8 +44,7 @@ fn documented_length_sum_is_exact() {
         scheme: Scheme::Points,
         angle_bits: AngleBits::default(),
         rows: Rows::Points(vec![row; 256]),
-        descriptors,
-        image_global: None,
+        content: SentContent::Described { descriptors, image_global: None },
         hints: Hints::default(),
         turn: LayoutTurn::default(),
     };
@@ -113,7 +112,7 @@ fn documented_dump_matches_the_decoder() {
     let (focal, width, height) = query.canonical_camera().codes();
     let Scheme::Dcl(DclLayout::Halves(layout)) = query.scheme() else { panic!("dcl of two halves") };
     let (angle, distance) = layout.codes();
-    let kind = query.descriptors().kind();
+    let kind = query.descriptor_kind();
     let gravity = query.gravity().expect("the query has one");
     let fixed = |name: &str, value: u32| (name.to_owned(), value);
     let numbers = [
@@ -151,7 +150,10 @@ fn documented_dump_matches_the_decoder() {
     assert_eq!(label_of("profile_id").1, query.profile_id().to_string());
     assert_eq!(label_of("descriptor_name").1, kind.name());
     assert_eq!(label_of("positions").1, format!("{} bytes", 256 * 14 / 8));
-    assert_eq!(label_of("descriptors").1, format!("{} bytes", query.descriptors().as_bytes().len()));
+    assert_eq!(
+        label_of("descriptors").1,
+        format!("{} bytes", query.descriptors().expect("rows").as_bytes().len())
+    );
     assert_eq!(label_of("global").1, format!("{} bytes", 4 * 128));
 
     // Gravity, by the formula of the document.

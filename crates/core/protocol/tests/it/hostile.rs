@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_protocol::{
     AnchoredRow, AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, LayoutTurn, Profile,
-    QueryError, QueryParts, Rows, Scheme, SealedQuery, SizeClass,
+    QueryError, QueryParts, Rows, Scheme, SealedQuery, SentContent, SizeClass,
 };
 
 fn sealed(scheme: Scheme) -> Vec<u8> {
@@ -74,8 +74,10 @@ fn layouts_and_turns() {
         scheme: Scheme::Points,
         angle_bits: AngleBits::default(),
         rows: Rows::Points(vec![veiloc_protocol::PositionRow::new(0.0, 0.0).expect("the centre"); 256]),
-        descriptors: session.descriptors().to_owned(),
-        image_global: None,
+        content: SentContent::Described {
+            descriptors: session.descriptors().expect("rows").to_owned(),
+            image_global: None,
+        },
         hints: Hints::default(),
         turn: session.turn(),
     };
@@ -436,8 +438,7 @@ fn mismatched_parts_are_rejected() {
             scheme,
             angle_bits,
             rows,
-            descriptors,
-            image_global: None,
+            content: SentContent::Described { descriptors, image_global: None },
             hints: Hints::default(),
             turn: LayoutTurn::default(),
         };

@@ -7,7 +7,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use sha2::{Digest, Sha256};
-use veiloc_protocol::{FocalKnowledge, Observations, Profile, SealedQuery};
+use veiloc_protocol::{FocalKnowledge, Observations, Pack, Profile, QueryContent, SealedQuery};
 
 /// File, SHA-256 of its bytes, profile it was sealed with, and the numbers that the Python reader prints for rows 0, 1
 /// and 255: a position, a line `(a, b, c)`, or for dcl the unit normal of the half-plane and the direction that leads
@@ -192,6 +192,34 @@ fn camera_hints_are_read() {
             assert!((sd - expected).abs() < 1e-12, "{file}: {sd}");
         }
     }
+}
+
+/// A match query and its pack: SHA-256, and what the Python reader prints for the rows 0, 1 and 255.
+#[test]
+fn known_matches_round_trip() {
+    let (bytes, packed) = (read("matches.vquery"), read("place.vpack"));
+    assert_eq!(
+        [&bytes, &packed].map(|bytes| hex(Sha256::digest(bytes))),
+        [
+            "f30d0ed0a290623a7f07598225627b5631ccb389c98267ac591a71edb867716d",
+            "ba140dc7683ad3d292ece00cfc5ce6c45a5b6a20063677a67d5d0399aac18b7f"
+        ]
+    );
+    let query = SealedQuery::decode(&bytes).expect("known");
+    let pack = Pack::decode(&packed).expect("known");
+    assert!(query.encode() == bytes && pack.encode() == packed, "they are now encoded differently");
+    assert_eq!(query.profile_id(), pack.profile().id());
+    let QueryContent::Matched { pack: id, matches, .. } = query.content() else { panic!("no match query") };
+    assert_eq!((*id, matches.points()), (pack.id(), 20));
+    let expected = [(1, 0.029_312_231), (19, 0.731_058_579), (10, 0.817_574_476)];
+    for (row, (point, probability)) in ROWS.into_iter().zip(expected) {
+        let found = matches.rows()[row];
+        assert_eq!(found.point, point, "{row}");
+        assert!((found.weight.probability() - probability).abs() < 1e-8, "{row}");
+    }
+    let row = meaning(&query.observations(), 1);
+    let expected = [0.562_850_721, 0.759_681_257, -0.325_704_55, 0.742_973_476, -0.292_323_921, 0.602_110_57];
+    assert!(row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-8), "{row:?}");
 }
 
 #[test]

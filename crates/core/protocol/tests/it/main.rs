@@ -7,5 +7,6 @@ mod common;
 mod document;
 mod hostile;
 mod known_answers;
+mod pack;
 mod schema;
 mod steps;

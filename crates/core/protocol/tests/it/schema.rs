@@ -3,15 +3,16 @@
 use super::common;
 
 use prost_reflect::prost::Message;
-use prost_reflect::{DescriptorPool, DynamicMessage};
+use prost_reflect::{DescriptorPool, DynamicMessage, Value};
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_protocol::{
-    AngleBits, CoarseGravity, FocalKnowledge, Hints, LayoutTurn, Profile, Scheme, SealedQuery,
+    AngleBits, CoarseGravity, FocalKnowledge, Hints, LayoutTurn, Pack, Profile, QueryError, Scheme,
+    SealedQuery,
 };
 
 fn pool() -> DescriptorPool {
     let proto = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../proto");
-    let files = ["veiloc/v1/sealed_query.proto", "veiloc/v1/profile.proto"];
+    let files = ["veiloc/v1/sealed_query.proto", "veiloc/v1/profile.proto", "veiloc/v1/pack.proto"];
     let set = protox::compile(files, [proto]).expect("the schema compiles");
     DescriptorPool::from_file_descriptor_set(set).expect("the schema is complete")
 }
@@ -21,8 +22,14 @@ fn reread(name: &str, bytes: &[u8]) -> DynamicMessage {
     let descriptor = pool().get_message_by_name(name).expect("in the schema");
     let message = DynamicMessage::decode(descriptor.clone(), bytes).expect("our bytes are such a message");
     assert_eq!(message.unknown_fields().count(), 0, "{name} has fields the schema lacks");
+    // A query has descriptors, or what the device found in a pack.
+    let described = ["descriptors", "global"];
+    let matched = ["pack_id", "pack_points", "candidates"];
+    let is_matched = matched.iter().any(|field| message.has_field_by_name(field));
+    let absent: &[&str] = if is_matched { &described } else { &matched };
     for field in descriptor.fields() {
-        assert!(message.has_field(&field), "{} is not written", field.full_name());
+        let is_expected = name != "veiloc.v1.SealedQuery" || !absent.contains(&field.name());
+        assert_eq!(message.has_field(&field), is_expected, "{}", field.full_name());
     }
     assert_eq!(message.encode_to_vec(), bytes, "{name}");
     message
@@ -56,7 +63,7 @@ fn sealed_queries_match_the_schema() {
                 assert_eq!(number(&message, field), value, "{field} of {scheme}");
             }
             let descriptors = message.get_field_by_name("descriptors").expect("in the schema");
-            assert_eq!(descriptors.as_bytes().expect("bytes"), query.descriptors().as_bytes());
+            assert_eq!(descriptors.as_bytes().expect("bytes"), query.descriptors().expect("rows").as_bytes());
             let id = message.get_field_by_name("profile_id").expect("in the schema");
             assert_eq!(id.as_bytes().expect("bytes").as_ref(), query.profile_id().as_bytes());
             assert_eq!(SealedQuery::decode(&message.encode_to_vec()).expect("unchanged"), query);
@@ -125,6 +132,27 @@ fn kinds_and_hints_match_the_schema() {
     }
 }
 
+/// L16: a match query has no descriptor.
+#[test]
+fn match_queries_and_packs_match_the_schema() {
+    let pack = common::pack();
+    let message = reread("veiloc.v1.Pack", &pack.encode());
+    assert_eq!((number(&message, "version"), number(&message, "points")), (1, pack.point_count()));
+    assert_eq!(Pack::decode(&message.encode_to_vec()).expect("unchanged"), pack);
+    let query = common::match_query(&pack);
+    let message = reread("veiloc.v1.SealedQuery", &query.encode());
+    assert_eq!(number(&message, "pack_points"), pack.point_count());
+    assert!(query.descriptors().is_none() && query.global().is_none());
+    assert_eq!(SealedQuery::decode(&message.encode_to_vec()).expect("unchanged"), query);
+    // Both kinds of content in one message are refused.
+    for field in ["descriptors", "global"] {
+        let mut both = message.clone();
+        both.set_field_by_name(field, Value::Bytes(vec![7; 8].into()));
+        let refused = SealedQuery::decode(&both.encode_to_vec());
+        assert_eq!(refused, Err(QueryError::NotCanonical { what: "sealed query" }), "{field}");
+    }
+}
+
 #[test]
 fn layouts_and_turns_match_the_schema() {
     let turn = LayoutTurn::new(&Rotation3::from_scaled_axis(Vector3::new(0.5, -0.25, 0.0))).expect("finite");
@@ -178,7 +206,15 @@ fn schema_has_exactly_these_fields() {
             "turn_x",
             "turn_y",
             "turn_z",
+            "pack_id",
+            "pack_points",
+            "candidates",
         ]
+    );
+    // No position of a point, a keypoint or a camera, no name, no time.
+    assert_eq!(
+        names("veiloc.v1.Pack"),
+        ["version", "profile", "points", "images", "row_points", "descriptors", "checksum"]
     );
     // No scheme and no angle bits: an operator has no field to request less protection.
     assert_eq!(

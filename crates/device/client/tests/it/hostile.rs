@@ -157,14 +157,15 @@ fn another_profile_is_refused_or_reported() {
     for expected in [&own, &own, &other] {
         assert_eq!(client.profile("place").expect("fetched"), *expected);
     }
-    let change = Notice::ProfileChanged { map: "place".to_owned(), before: own.id(), now: other.id() };
+    let change =
+        Notice::Changed { what: "profile", map: "place".to_owned(), before: own.id(), now: other.id() };
     assert_eq!(*changes.lock().expect("whole"), [change], "once, when it changed");
     // The same with the id of the first one: also a cached profile is refused, and the other map is not concerned.
     options.profile_ids.insert("place".to_owned(), own.id());
     options.profile_ids.insert("elsewhere".to_owned(), other.id());
     let pinned = Client::new(&service.url, None, options).expect("a client");
     match pinned.profile("place") {
-        Err(ClientError::OtherProfile { map, expected, actual }) => {
+        Err(ClientError::OtherId { map, expected, actual, .. }) => {
             assert_eq!((map.as_str(), expected, actual), ("place", own.id(), other.id()));
         }
         unexpected => panic!("{unexpected:?}"),

@@ -9,7 +9,9 @@ use veiloc_client::{
 };
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_geometry::Anchor;
-use veiloc_protocol::{AnchoredRow, AngleBits, CanonicalCamera, Hints, LayoutTurn, QueryParts, Rows};
+use veiloc_protocol::{
+    AnchoredRow, AngleBits, CanonicalCamera, Hints, LayoutTurn, QueryParts, Rows, SentContent,
+};
 
 fn profile(word: u8) -> Profile {
     let words = Descriptors::new(DescriptorKind::ROOT_SIFT, vec![word; 128]);
@@ -29,8 +31,10 @@ fn query(blank: usize) -> SealedQuery {
         scheme: "dcl".parse().expect("a scheme"),
         angle_bits: bits,
         rows: Rows::Dcl((0..1024).map(row).collect()),
-        descriptors: Descriptors::new(DescriptorKind::ROOT_SIFT, descriptors).expect("whole rows"),
-        image_global: None,
+        content: SentContent::Described {
+            descriptors: Descriptors::new(DescriptorKind::ROOT_SIFT, descriptors).expect("whole rows"),
+            image_global: None,
+        },
         hints: Hints::default(),
         turn: LayoutTurn::default(),
     };
@@ -92,7 +96,10 @@ fn progressive_query_stops_at_a_trusted_pose() {
         for (request, (rows, _)) in requests.iter().zip(&expected) {
             let sent = SealedQuery::decode(&request.body).expect("a query");
             assert_eq!(sent.len(), *rows);
-            assert!(sent.descriptors().to_owned() == whole.descriptors().rows(0..*rows).to_owned());
+            assert!(
+                sent.descriptors().expect("rows").to_owned()
+                    == whole.descriptors().expect("rows").rows(0..*rows).to_owned()
+            );
             assert!(
                 request.head
                     == requests[0]

@@ -47,7 +47,7 @@ fn retry_sends_the_same_bytes() {
         .iter()
         .map(|notice| match notice {
             Notice::Again { reason, .. } => reason.clone(),
-            Notice::CacheWriteFailed { .. } | Notice::ProfileChanged { .. } => panic!("no profile here"),
+            Notice::CacheWriteFailed { .. } | Notice::Changed { .. } => panic!("no profile here"),
         })
         .collect();
     assert_eq!(reasons.len(), 5, "{reasons:?}");

@@ -41,29 +41,62 @@ pub(crate) fn add<R: Rng + ?Sized>(
         return Err(SealError::NoDecoys { kind: kind.name().to_owned(), keypoints: real });
     }
     let decoys = blend::decoys(sent, &positions.index, count, rng);
-    let spread = SPREAD * f64::from(size[0].max(size[1])) * (count as f64 / real as f64).sqrt();
+    let spread = spread(size, count, real);
     let mut copied = BTreeMap::new();
     for decoy in decoys {
         let original = positions.index[decoy.origin];
-        let position = *copied.entry((decoy.copy, original)).or_insert_with(|| {
-            let around = positions.pixels[original];
-            let invented = (0..100)
-                .map(|_| Pixel::new(around.u + spread * normal(rng), around.v + spread * normal(rng)))
-                .find(|p| allowed(*p));
-            match invented {
-                Some(pixel) => {
-                    positions.pixels.push(pixel);
-                    positions.pixels.len() - 1
-                }
-                // Hardly any surrounding position is allowed: share the position, because a second one there would
-                // identify the decoy.
-                None => original,
-            }
-        });
+        let position = *copied
+            .entry((decoy.copy, original))
+            .or_insert_with(|| invented(positions, original, spread, &allowed, rng));
         positions.index.push(position);
         sent.push(&decoy.row).expect("a decoy has as many numbers as the rows it was made from");
     }
     Ok(())
+}
+
+/// Appends `count` positions as those of decoys, each about a random row.
+pub(crate) fn scatter<R: Rng + ?Sized>(
+    positions: &mut DistinctPositions,
+    count: usize,
+    size: [u32; 2],
+    allowed: impl Fn(Pixel) -> bool,
+    rng: &mut R,
+) {
+    let real = positions.index.len();
+    let spread = spread(size, count, real);
+    for _ in 0..count {
+        let original = positions.index[rng.random_range(0..real)];
+        let position = invented(positions, original, spread, &allowed, rng);
+        positions.index.push(position);
+    }
+}
+
+/// Standard deviation of `count` decoys about `real` rows, pixels.
+fn spread(size: [u32; 2], count: usize, real: usize) -> f64 {
+    SPREAD * f64::from(size[0].max(size[1])) * (count as f64 / real as f64).sqrt()
+}
+
+/// A new position near another one, as an index.
+fn invented<R: Rng + ?Sized>(
+    positions: &mut DistinctPositions,
+    original: usize,
+    spread: f64,
+    allowed: &impl Fn(Pixel) -> bool,
+    rng: &mut R,
+) -> usize {
+    let around = positions.pixels[original];
+    let found = (0..100)
+        .map(|_| Pixel::new(around.u + spread * normal(rng), around.v + spread * normal(rng)))
+        .find(|p| allowed(*p));
+    match found {
+        Some(pixel) => {
+            positions.pixels.push(pixel);
+            positions.pixels.len() - 1
+        }
+        // Hardly any surrounding position is allowed: share the position, because a second one there would
+        // identify the decoy.
+        None => original,
+    }
 }
 
 /// A standard normal number (Box and Muller).

@@ -116,7 +116,7 @@ fn sent(paths: &[PathBuf], extracted: impl Fn(&Path, &Intrinsics) -> (Features, 
         let (width, height) = (f64::from(size.width), f64::from(size.height));
         for (row, pixel) in truth.pixels.iter().enumerate().filter(|(row, _)| truth.source[*row].is_some()) {
             let nearest = pixel.u.min(pixel.v).min(width - pixel.u).min(height - pixel.v);
-            let descriptor = query.descriptors().row(row).to_vec();
+            let descriptor = query.descriptors().expect("rows").row(row).to_vec();
             rows.push(Row { image, descriptor, near: nearest < 16.0 });
         }
     }

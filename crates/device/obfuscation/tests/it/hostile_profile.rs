@@ -133,10 +133,11 @@ fn decoys_of_other_kinds_are_not_copies() {
             .map(|query| (query, real))
     };
     let (query, real) = sealed(64, 60).expect("sealed");
-    let is_real = |row: usize| (0..60).any(|i| real.row(i) == query.descriptors().row(row));
+    let is_real = |row: usize| (0..60).any(|i| real.row(i) == query.descriptors().expect("rows").row(row));
     assert_eq!((0..query.len()).filter(|row| is_real(*row)).count(), 60, "196 decoys, none a copy");
-    let length =
-        |row: usize| query.descriptors().values(row).map(|v| f64::from(v).powi(2)).sum::<f64>().sqrt();
+    let length = |row: usize| {
+        query.descriptors().expect("rows").values(row).map(|v| f64::from(v).powi(2)).sum::<f64>().sqrt()
+    };
     let mean = |of: &mut dyn Iterator<Item = usize>| {
         let lengths: Vec<f64> = of.map(length).collect();
         lengths.iter().sum::<f64>() / lengths.len() as f64
@@ -146,9 +147,15 @@ fn decoys_of_other_kinds_are_not_copies() {
     assert!((of_real / of_decoys - 1.0).abs() < 0.02, "{of_real} {of_decoys}");
     // Decoys are as far from each other and from real rows as real rows are from each other.
     let nearest = |row: usize| {
-        let own: Vec<i16> = query.descriptors().values(row).collect();
+        let own: Vec<i16> = query.descriptors().expect("rows").values(row).collect();
         let to = |other: usize| -> i32 {
-            query.descriptors().values(other).zip(&own).map(|(a, b)| i32::from(a - *b).pow(2)).sum()
+            query
+                .descriptors()
+                .expect("rows")
+                .values(other)
+                .zip(&own)
+                .map(|(a, b)| i32::from(a - *b).pow(2))
+                .sum()
         };
         (0..256).filter(|other| *other != row).map(to).min().unwrap_or(0)
     };
@@ -194,7 +201,7 @@ fn decoys_do_not_depend_on_profile() {
         features.descriptors = Descriptors::new(kind, bytes).expect("whole rows");
         let words = Descriptors::new(kind, words).and_then(Vocabulary::new).expect("words");
         let query = seal(features, &camera(), &Profile::vlad(words), &SealOptions::default(), &mut rng(8));
-        query.expect("sealed").descriptors().as_bytes().to_vec()
+        query.expect("sealed").descriptors().expect("rows").as_bytes().to_vec()
     };
     assert!(rows(vec![128; 64]) == rows((0..128).map(|i| if i % 64 == 0 { 255 } else { 0 }).collect()));
 }

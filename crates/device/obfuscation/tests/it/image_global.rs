@@ -139,23 +139,23 @@ fn l14_steps_and_sessions_send_the_image_descriptor() {
     let made = thumbnail().describe(&Image::from(load_gray(&image).expect("written"))).expect("made");
     assert_eq!(features.global, Some(made.clone()));
     let query = seal(features.clone(), &camera(), &asking, &own, &mut rng(7)).expect("sealed");
-    assert_eq!(query.global(), &made);
+    assert_eq!(query.global().expect("of rows"), &made);
     let query = SealedQuery::decode(&query.encode()).expect("its own bytes");
-    assert_eq!(query.global(), &made);
+    assert_eq!(query.global().expect("of rows"), &made);
     let step = query.first_rows(SizeClass::SMALLEST, &asking).expect("a step");
-    assert!(step.len() < query.len() && step.global() == &made);
+    assert!(step.len() < query.len() && step.global().expect("of rows") == &made);
     let mut session = Session::new(SessionOptions::default(), &mut rng(7));
     let held = Orientation::unknown();
     let (frame, _) = seal_in(&mut session, features.clone(), &camera(), &asking, &own, &held, &mut rng(7))
         .expect("sealed");
-    assert_eq!(frame.global(), &made);
+    assert_eq!(frame.global().expect("of rows"), &made);
     // Features without their global descriptor are not sent with another one.
     let without = Features { global: None, ..features.clone() };
     assert!(matches!(seal(without, &camera(), &asking, &own, &mut rng(7)), Err(SealError::NoGlobal)));
     // The rows are the same for every global descriptor.
     let other = Features { global: Some(GlobalDescriptor::new(vec![9; 192])), ..features };
     let other = seal(other, &camera(), &asking, &own, &mut rng(7)).expect("sealed");
-    assert!(other.descriptors().as_bytes() == query.descriptors().as_bytes());
+    assert!(other.descriptors().expect("rows").as_bytes() == query.descriptors().expect("rows").as_bytes());
     assert!(other.global() != query.global() && other.encode().len() == query.encode().len());
 }
 

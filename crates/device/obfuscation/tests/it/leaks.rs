@@ -205,7 +205,10 @@ fn l4_first_rows_are_not_stronger() {
         strongest.sort_unstable();
         assert!(mean(&strongest[..256]) < 200.0, "the measure does not see the leak");
         let first = query.first_rows(SizeClass::Rows256, &profile).expect("it has 1024");
-        assert!(first.descriptors().to_owned() == features.descriptors.select(ranks[..256].iter().copied()));
+        assert!(
+            first.descriptors().expect("rows").to_owned()
+                == features.descriptors.select(ranks[..256].iter().copied())
+        );
         assert!((mean(&ranks[..256]) - 511.5).abs() < 80.0, "{scheme}: {}", mean(&ranks[..256]));
     }
 }
@@ -238,15 +241,32 @@ fn l5_size_reveals_only_the_class_and_decoys_are_unmarked() {
         let decoys: Vec<usize> = (0..256).filter(|&row| truth.source[row].is_none()).collect();
         assert_eq!(decoys.len(), 156, "{scheme}");
         let norm = |row: &usize| -> f64 {
-            query.descriptors().row(*row).iter().map(|v| f64::from(*v).powi(2)).sum::<f64>().sqrt()
+            query
+                .descriptors()
+                .expect("rows")
+                .row(*row)
+                .iter()
+                .map(|v| f64::from(*v).powi(2))
+                .sum::<f64>()
+                .sqrt()
         };
         assert!((0..256).all(|row| (norm(&row) - 512.0).abs() < 8.0), "{scheme}: a length stands out");
         let profile = profile();
         let vocabulary = profile.vocabulary().expect("VLAD");
-        let of = |rows: Vec<usize>| vocabulary.aggregate(query.descriptors().to_owned().select(rows).view());
+        let of = |rows: Vec<usize>| {
+            vocabulary.aggregate(query.descriptors().expect("rows").to_owned().select(rows).view())
+        };
         let real_only = of((0..256).filter(|&row| truth.source[row].is_some()).collect());
-        assert_eq!(of((0..256).collect()).as_codes(), query.global().as_codes(), "{scheme}");
-        assert_ne!(real_only.as_codes(), query.global().as_codes(), "the measure does not see the leak");
+        assert_eq!(
+            of((0..256).collect()).as_codes(),
+            query.global().expect("of rows").as_codes(),
+            "{scheme}"
+        );
+        assert_ne!(
+            real_only.as_codes(),
+            query.global().expect("of rows").as_codes(),
+            "the measure does not see the leak"
+        );
     }
 }
 
@@ -376,7 +396,8 @@ fn l8_debug_output_has_counts_only() {
         let features = |seed| format!("{:?}", features_at(&uniform_pixels(256, seed), seed));
         assert_eq!(features(1), features(2));
         // The leak: the output of a derived implementation.
-        let content = |q: &veiloc_protocol::SealedQuery| format!("{:?}", q.descriptors().as_bytes());
+        let content =
+            |q: &veiloc_protocol::SealedQuery| format!("{:?}", q.descriptors().expect("rows").as_bytes());
         assert_ne!(content(&a), content(&b), "the measure does not see the leak");
     }
     let mut features = features_at(&uniform_pixels(10, 1), 1);

@@ -9,6 +9,7 @@ mod image_global;
 mod leaks;
 mod lens;
 mod masks;
+mod pack;
 mod seal;
 mod session;
 mod session_bytes;

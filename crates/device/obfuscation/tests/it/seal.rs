@@ -46,7 +46,7 @@ fn observations_match_keypoints_within_dither_and_rounding() {
                 let source = truth.source[row].expect("700 are more than 512: no decoys");
                 let device = camera.unproject(features.keypoints[source].pixel).expect("a ray");
                 assert!(query.camera().project(device).distance(&pixel) < 1e-9);
-                assert_eq!(query.descriptors().row(row), features.descriptors.row(source));
+                assert_eq!(query.descriptors().expect("rows").row(row), features.descriptors.row(source));
                 // Dither of half a pixel in each direction, and either an eighth of rounding or half a 12-bit step at
                 // the far corner (1300 pixels for s = 2).
                 assert!(off(&observations, row, pixel) < 0.708 + 0.5, "{text}");
@@ -136,7 +136,8 @@ fn device_may_send_fewer_keypoints_than_requested() {
         assert_eq!(profile.check(&query), Ok(()));
         // Rows that are not decoys are the strongest keypoints: the last of the image.
         let sent = |i: usize| {
-            (0..query.len()).any(|row| query.descriptors().row(row) == features.descriptors.row(i))
+            (0..query.len())
+                .any(|row| query.descriptors().expect("rows").row(row) == features.descriptors.row(i))
         };
         let selected = most.min(rows);
         assert!((1000 - selected..1000).all(sent) && !(0..1000 - selected).any(sent), "{most}");

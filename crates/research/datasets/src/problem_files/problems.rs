@@ -4,10 +4,10 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use veiloc_descriptor::DescriptorKind;
+use veiloc_descriptor::{MatchEvidence, match_probability};
 use veiloc_geometry::frames::World;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pinhole, Pixel, Point3};
-use veiloc_pose::prior::{Evidence, match_probability};
 use veiloc_pose::{Gravity, MatchViewpoint};
 
 use crate::error::DatasetError;
@@ -108,7 +108,7 @@ impl Problem {
         let ratios = self.ratio.as_ref()?;
         let prior = DescriptorKind::match_prior_of(&self.features);
         let at = |counts: &Option<Vec<u32>>, i: usize| counts.as_ref().map(|c| c[i]);
-        let evidence = |(i, &ratio)| Evidence {
+        let evidence = |(i, &ratio)| MatchEvidence {
             ratio,
             votes: at(&self.votes, i),
             track_length: at(&self.track_length, i),

@@ -1,5 +1,7 @@
 //! The served map: a whole map, or its regions.
 
+use std::sync::OnceLock;
+
 use crate::results::RegionsSummary;
 use tempfile::TempDir;
 use veiloc_features::Progress;
@@ -9,8 +11,9 @@ use veiloc_map::regions::{
     search_rounds,
 };
 use veiloc_map::{MapFile, MapMemory};
+use veiloc_obfuscation::{KnownPlace, SealError};
 use veiloc_pose::State;
-use veiloc_protocol::SealedQuery;
+use veiloc_protocol::{Pack, SealedQuery};
 
 use super::server::{LocalizeResult, decode_and_localize};
 use crate::error::EvalError;
@@ -19,6 +22,8 @@ use crate::error::EvalError;
 pub(crate) struct ServedMap<'a> {
     whole: &'a MapFile,
     regions: Option<Regions>,
+    /// The pack, prepared on first use.
+    place: OnceLock<KnownPlace>,
 }
 
 /// Regions, written and opened again as on the machines that serve them.
@@ -42,12 +47,26 @@ impl<'a> ServedMap<'a> {
         progress: &dyn Progress,
     ) -> Result<Self, EvalError> {
         let regions = options.map(|options| Regions::of(whole, options, progress)).transpose()?;
-        Ok(Self { whole, regions })
+        Ok(Self { whole, regions, place: OnceLock::new() })
     }
 
     /// The whole map.
     pub(crate) const fn whole(&self) -> &'a MapFile {
         self.whole
+    }
+
+    /// The place as a device with its pack knows it.
+    ///
+    /// # Errors
+    /// [`SealError`] when the map has no pack.
+    pub(crate) fn place(&self) -> Result<KnownPlace, SealError> {
+        if let Some(place) = self.place.get() {
+            return Ok(place.clone());
+        }
+        let (pack, _) = self.whole.pack()?;
+        // As a device reads it.
+        let place = KnownPlace::new(Pack::decode(&pack.encode())?)?;
+        Ok(self.place.get_or_init(|| place).clone())
     }
 
     /// The answer to these bytes: with several regions the pose that a gateway would choose, with the times of its
@@ -57,7 +76,8 @@ impl<'a> ServedMap<'a> {
         let (Some(regions), Ok(query)) = (&self.regions, SealedQuery::decode(bytes)) else {
             return decode_and_localize(self.whole, bytes, options);
         };
-        let ranked = regions.index.rank(query.global(), options.retrieve);
+        let Some(global) = query.global() else { return decode_and_localize(self.whole, bytes, options) };
+        let ranked = regions.index.rank(global, options.retrieve);
         let mut best: Option<LocalizeResult> = None;
         for round in
             search_rounds(ranked.into_iter().map(|one| (one.region, one.held)), DEFAULT_SEARCHED_REGIONS)

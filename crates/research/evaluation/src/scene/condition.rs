@@ -4,6 +4,8 @@ use std::fmt;
 use std::num::NonZeroUsize;
 use std::str::FromStr;
 
+use veiloc_obfuscation::PackUse;
+
 use super::camera_error::CameraError;
 use super::degrade::Degradation;
 use crate::pipeline::GravityNoise;
@@ -18,6 +20,7 @@ use crate::pipeline::GravityNoise;
 /// | `camera:…` | the device assumes a wrong camera ([`CameraError`]), and reports it as calibrated |
 /// | `gravity:SD[/ERROR]` | the device measures gravity ([`GravityNoise`]) |
 /// | `frames:N` | the query and the images before it, `N` together, are localized as one rig |
+/// | `pack:explained`, `pack:matches` | the device has the pack of the map ([`PackUse`]) |
 /// | `negatives` | out-of-map images take the place of the scene's queries |
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Condition {
@@ -33,6 +36,8 @@ pub struct Condition {
     pub gravity: Option<GravityNoise>,
     /// Number of images that are localized together; `None`: a single image.
     pub frames: Option<NonZeroUsize>,
+    /// What the device does with the pack of the map; `None`: it has none.
+    pub pack: Option<PackUse>,
     /// Whether out-of-map images are localized.
     pub negatives: bool,
 }
@@ -43,7 +48,7 @@ pub enum ConditionError {
     /// A part is unknown.
     #[error(
         "{0:?} is no part of a condition; known are dark, motion, half-hidden, side-hidden, low-resolution, sparse-map, \
-         few-keypoints, camera:…, gravity:SD[/ERROR], frames:N and negatives, joined by +, and none"
+         few-keypoints, camera:…, gravity:SD[/ERROR], frames:N, pack:explained, pack:matches and negatives, joined by +, and none"
     )]
     Unknown(String),
     /// The value of a part is invalid.
@@ -73,6 +78,7 @@ impl Condition {
         camera: None,
         gravity: None,
         frames: None,
+        pack: None,
         negatives: false,
     };
 
@@ -90,6 +96,14 @@ impl Condition {
             "negatives" if value.is_empty() => std::mem::replace(&mut self.negatives, true),
             "camera" => self.camera.replace(value.parse().map_err(invalid)?).is_some(),
             "gravity" => self.gravity.replace(value.parse().map_err(invalid)?).is_some(),
+            "pack" => {
+                let usage = match value {
+                    "explained" => PackUse::Explained,
+                    "matches" => PackUse::Matches,
+                    _ => return Err(invalid("explained or matches is expected".into())),
+                };
+                self.pack.replace(usage).is_some()
+            }
             "frames" => {
                 let frames = value
                     .parse()
@@ -159,6 +173,10 @@ impl fmt::Display for Condition {
             self.camera.map(|camera| format!("camera:{camera}")),
             self.gravity.map(|noise| format!("gravity:{noise}")),
             self.frames.map(|frames| format!("frames:{frames}")),
+            self.pack.map(|usage| match usage {
+                PackUse::Explained => "pack:explained".to_owned(),
+                PackUse::Matches => "pack:matches".to_owned(),
+            }),
         ];
         let parts: Vec<String> = parts.into_iter().flatten().collect();
         f.pad(if parts.is_empty() { "none".to_owned() } else { parts.join("+") }.as_str())
@@ -190,6 +208,8 @@ mod tests {
             "negatives",
             "half-hidden+frames:4",
             "negatives+gravity:0.5",
+            "pack:explained",
+            "half-hidden+frames:2+pack:matches",
             "dark+sparse-map+few-keypoints+camera:f+3%+gravity:1",
         ] {
             let condition: Condition = text.parse().expect(text);
@@ -217,6 +237,7 @@ mod tests {
             ("gravity:0.5,5", "above 0"),
             ("camera:g+3%", "cx"),
             ("camera:f~51%", "50"),
+            ("pack:all", "explained or matches"),
             ("negatives+frames:2", "single images"),
             ("frames:2+gravity:1", "without gravity"),
             ("negatives+gravity:1/5", "random"),

@@ -93,7 +93,8 @@ fn seal(
     case: &Case,
     evaluation: &SceneEvaluation,
 ) -> Result<Vec<Result<SealedQuery, String>>, EvalError> {
-    let profile = maps.under(&case.condition).whole().profile();
+    let served = maps.under(&case.condition);
+    let profile = served.whole().profile();
     let mask = evaluation.mask_of(&query.name);
     let shown = EvaluatedQuery::from(query.clone());
     let shown = extracted(&shown, case.condition.image, mask.as_deref(), profile, evaluation)?;
@@ -101,7 +102,7 @@ fn seal(
     let camera = case.assumed_camera(&shown.camera, "the device", evaluation.seed)?;
     let sealed = |scheme: &Scheme| {
         let extracted = Extracted::new(shown.features.clone(), camera);
-        let sent = sealer_of(profile, case, *scheme, evaluation)
+        let sent = sealer_of(served, case, *scheme, evaluation)
             .and_then(|sealer| seal_query(&sealer, extracted, &query.name, evaluation.seed));
         SealedQuery::decode(&sent.map_err(|e| e.to_string())?.bytes).map_err(|e| e.to_string())
     };

@@ -17,7 +17,7 @@ use super::degrade::Degradation;
 use super::from_truth::from_truth;
 use super::options::SceneEvaluation;
 use crate::error::EvalError;
-use crate::pipeline::{EvaluatedQuery, localize_sent, seal_query};
+use crate::pipeline::{EvaluatedQuery, ServedMap, localize_sent, seal_query};
 use crate::results::{LossStage, QueryResult};
 
 /// Whether a pose is within no threshold, or is missing.
@@ -64,7 +64,7 @@ pub(super) fn extracted(
 
 /// The device's sealer under a condition.
 pub(super) fn sealer_of(
-    profile: &Profile,
+    served: &ServedMap<'_>,
     case: &Case,
     scheme: Scheme,
     evaluation: &SceneEvaluation,
@@ -72,7 +72,11 @@ pub(super) fn sealer_of(
     let options = evaluation.seal_options(scheme);
     let few = case.condition.few_keypoints;
     let options = if few { options.with_max_keypoints(SizeClass::SMALLEST.rows()) } else { options };
-    Sealer::new(profile, options)
+    let options = match case.condition.pack {
+        Some(usage) => options.with_place(served.place()?, usage),
+        None => options,
+    };
+    Sealer::new(served.whole().profile(), options)
 }
 
 /// The results of a query, in the order of the table's rows of each condition.
@@ -108,7 +112,6 @@ fn localize_under(
     evaluation: &SceneEvaluation,
 ) -> Result<Vec<QueryResult>, EvalError> {
     let served = maps.under(&case.condition);
-    let profile = served.whole().profile();
     let intrinsics = case.assumed_camera(&extracted.camera, &query.name, evaluation.seed)?;
     let camera = KnownCamera { intrinsics, focal: query.focal };
     let mut results = Vec::new();
@@ -116,7 +119,7 @@ fn localize_under(
         let started = Instant::now();
         let features = Extracted::new(extracted.features.clone(), camera)
             .with_gravity(case.gravity_of(query, evaluation.seed));
-        let sealed = sealer_of(profile, case, *scheme, evaluation)
+        let sealed = sealer_of(served, case, *scheme, evaluation)
             .and_then(|sealer| seal_query(&sealer, features, &query.name, evaluation.seed));
         let seal_ms = started.elapsed().as_secs_f64() * 1e3;
         let mut of_scheme = Vec::new();

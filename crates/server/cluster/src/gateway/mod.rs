@@ -324,7 +324,10 @@ impl Query {
             name: request.id.bytes(),
             lane: request.client.as_ref().map(Lane::of),
             rows: u32::try_from(request.decoded.rows()).unwrap_or(u32::MAX),
-            globals: request.decoded.queries().map(|query| codes(query.global().as_codes())).collect(),
+            // A match query has none: a region has a pack of its own.
+            globals: (request.decoded.queries())
+                .map(|query| query.global().map(|global| codes(global.as_codes())).unwrap_or_default())
+                .collect(),
             pose: Task::Pose {
                 kind: request.decoded.kind(),
                 body: Bytes::copy_from_slice(&request.bytes),

@@ -115,7 +115,7 @@ async fn trusted_pose_with_highest_evidence_wins() {
         else {
             panic!("one")
         };
-        let ranked = index.rank(sealed.global(), 10);
+        let ranked = index.rank(sealed.global().expect("rows have one"), 10);
         let best = ranked[0].held as f64;
         let searched = ranked.iter().take(3).filter(|region| region.held as f64 >= 0.75 * best);
         let given =

@@ -36,9 +36,9 @@ fn images_of_a_place_that_looks_alike_are_retrieved_and_make_the_pose_doubtful()
 
         let map = open(&twin);
         let is_copy = |image: usize| image >= 10;
-        let nearest = retrieve(query.global(), (&map).into(), 4);
+        let nearest = retrieve(query.global().expect("of rows"), (&map).into(), 4);
         assert!(nearest.iter().all(|image| !is_copy(image.image)), "{scheme}: {nearest:?}");
-        let places = retrieve_with_other_places(query.global(), (&map).into(), 4);
+        let places = retrieve_with_other_places(query.global().expect("of rows"), (&map).into(), 4);
         assert_eq!(places[..4], nearest, "{scheme}");
         assert!(
             places.len() > 4 && places[4..].iter().all(|image| is_copy(image.image)),

@@ -8,7 +8,8 @@ use rand_chacha::ChaCha20Rng;
 use veiloc_geometry::Rigid3;
 use veiloc_localization::{LocalizeError, LocalizeOptions, localize, localize_rig};
 use veiloc_map::{BuildSettings, MapModel, MapPoint};
-use veiloc_protocol::{SealedFrame, SealedQuery};
+use veiloc_obfuscation::{Extracted, KnownPlace, PackUse, Sealer};
+use veiloc_protocol::{Pack, SealedFrame, SealedQuery};
 use veiloc_testing::pose_in_scene;
 
 #[test]
@@ -140,4 +141,53 @@ fn empty_map_is_reported() {
     let sealed = seal(&scene, scene.features(&pose_in_scene(0.0, 0.0)), "dcl", &mut rng);
     let refused = localize(&sealed, &map, &LocalizeOptions::default()).expect_err("nothing to find");
     assert!(matches!(refused, LocalizeError::EmptyMap), "{refused}");
+}
+
+/// A device with the pack of the map matches by itself; the server gets points and no descriptors.
+#[test]
+fn match_queries_are_localized() {
+    let scene = common::random_scene(1);
+    let map = open(&scene.map(8));
+    let truth = pose_in_scene(0.13, 0.2);
+    let (pack, points) = map.pack().expect("it has points");
+    assert_eq!(points.len(), pack.point_count() as usize);
+    let received = Pack::decode(&pack.encode()).expect("a pack");
+    let place = KnownPlace::new(received).expect("sift");
+    for (scheme, bound) in
+        [("points", 0.01), ("random-lines", 0.02), ("dcl", 0.03), ("coordinate-permutation", 0.05)]
+    {
+        for usage in [PackUse::Explained, PackUse::Matches] {
+            let options = common::sealer(&scene, scheme).options().clone().with_place(place.clone(), usage);
+            let sealer = Sealer::new(&scene.profile, options).expect("its profile");
+            let extracted = Extracted::new(scene.features(&truth), scene.camera);
+            let query = sealer.seal(extracted, &mut ChaCha20Rng::seed_from_u64(3)).expect("sealed");
+            let query = SealedQuery::decode(&query.encode()).expect("decodes");
+            assert_eq!(query.descriptors().is_some(), usage == PackUse::Explained);
+            let found = localize(&query, &map, &LocalizeOptions::default()).expect("localized");
+            let error = found.cam_from_world.translation_error(&truth);
+            assert!(error < bound, "{scheme} {usage:?}: off by {error}");
+            assert!(
+                found.inliers > 100 && !found.retrieved.is_empty(),
+                "{scheme} {usage:?}: {}",
+                found.inliers
+            );
+        }
+    }
+}
+
+#[test]
+fn matches_of_another_pack_are_refused() {
+    let scene = common::random_scene(1);
+    let (map, smaller) = (open(&scene.map(8)), open(&scene.map(7)));
+    let (pack, _) = smaller.pack().expect("it has points");
+    let place = KnownPlace::new(pack).expect("sift");
+    let options = common::sealer(&scene, "dcl").options().clone().with_place(place, PackUse::Matches);
+    let sealer = Sealer::new(&scene.profile, options).expect("its profile");
+    let extracted = Extracted::new(scene.features(&pose_in_scene(0.13, 0.2)), scene.camera);
+    let query = sealer.seal(extracted, &mut ChaCha20Rng::seed_from_u64(3)).expect("sealed");
+    localize(&query, &smaller, &LocalizeOptions::default()).expect("its own map");
+    // The profile is the same, but points have other numbers.
+    let refused = localize(&query, &map, &LocalizeOptions::default()).expect_err("another pack");
+    assert!(matches!(refused, LocalizeError::WrongProfile { .. }), "{refused}");
+    assert!(refused.to_string().contains("veiloc map pack"), "{refused}");
 }

@@ -118,6 +118,7 @@ impl MapFile {
             region,
             large,
             index: OnceLock::new(),
+            pack: OnceLock::new(),
             noise: OnceLock::new(),
             covariances: OnceLock::new(),
         })

@@ -2,6 +2,7 @@
 
 mod compressed;
 mod gravity;
+mod pack;
 mod packed;
 mod region;
 mod self_test;

@@ -16,6 +16,7 @@ use crate::alignment::AlignmentAccuracy;
 use crate::compressed::{PointSummary, WholeMapSummary};
 use crate::gravity::GravityDirection;
 use crate::model::{MapImage, MapModel, MapPoint, Observation, PointId};
+use crate::pack::PackPoints;
 use crate::region::Region;
 use crate::self_test::SelfTest;
 use crate::settings::BuildSettings;
@@ -43,6 +44,8 @@ pub struct MapFile {
     pub(super) large: LargeSections,
     /// Built on first use.
     pub(super) index: OnceLock<GlobalIndex>,
+    /// Numbers of the pack, computed on first use.
+    pub(crate) pack: OnceLock<PackPoints>,
     /// Computed on first use.
     pub(super) noise: OnceLock<f64>,
     /// Upper triangle of each covariance by rows; the list and each element are computed on first use.

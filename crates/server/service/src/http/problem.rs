@@ -38,6 +38,8 @@ pub(crate) enum Problem {
     UnknownMap,
     #[error("no map that this token may use has a geographic reference; its operator can give it one")]
     NoGeoReference,
+    #[error("the operator gives no pack of this map")]
+    NoPack,
     #[error(
         "this map cannot be opened at the moment; send the same bytes again later (the log of the service says why)"
     )]
@@ -135,6 +137,7 @@ impl Problem {
             Self::Host => (S::BAD_REQUEST, "bad-host", "Not one Host header"),
             Self::WrongMethod => (S::METHOD_NOT_ALLOWED, "wrong-method", "Method not allowed"),
             Self::UnknownMap => (S::NOT_FOUND, "unknown-map", "Unknown map"),
+            Self::NoPack => (S::NOT_FOUND, "no-pack", "No pack"),
             Self::NoGeoReference => (S::NOT_FOUND, "no-geo-reference", "No geographic reference"),
             Self::MapUnavailable => (S::SERVICE_UNAVAILABLE, "map-unavailable", "Map unavailable"),
             Self::Unreached { .. } => (S::SERVICE_UNAVAILABLE, "unreached", "Workers unreachable"),

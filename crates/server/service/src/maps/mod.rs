@@ -42,6 +42,8 @@ pub(crate) struct LoadedMap {
     pub(crate) profile: Content,
     /// Id of the profile.
     pub(crate) profile_id: String,
+    /// The pack, where devices get it, with its id.
+    pub(crate) pack: Option<(Content, String)>,
     /// Points shown on the web page; empty for remote maps.
     pub(crate) shown: Content,
     /// Maximum length of a query for this map, bytes.
@@ -54,6 +56,8 @@ pub(crate) struct MapReadOptions {
     pub(crate) memory: MapMemory,
     /// Maximum number of points that a page shows per map.
     pub(crate) page_points: usize,
+    /// Whether devices get the packs of the maps.
+    pub(crate) packs: bool,
 }
 
 /// Where the map is.
@@ -71,8 +75,11 @@ impl LoadedMap {
         map.global_index();
         let (images, points, profile) = (map.image_count(), map.point_count(), map.profile().clone());
         let shown = subsampled_points(&map, reading.page_points);
+        // A map without points, or too large for a pack, has none.
+        let pack = reading.packs.then(|| map.pack_points().and(map.pack())).and_then(Result::ok);
+        let pack = pack.map(|(pack, _)| (Content::new(pack.encode()), pack.id().to_string()));
         let loaded = Self::new(&source.name, &profile, [images, points], Backend::Local(Box::new(map)));
-        Ok(Self { shown, ..loaded })
+        Ok(Self { pack, shown, ..loaded })
     }
 
     fn remote(source: &RemoteMap, description: Arc<MapDescription>) -> Self {
@@ -92,6 +99,7 @@ impl LoadedMap {
                 + profile.global_model().global_len(),
             profile_id: profile.id().to_string(),
             profile: Content::new(profile.encode()),
+            pack: None,
             shown: Content::new(Vec::new()),
         }
     }

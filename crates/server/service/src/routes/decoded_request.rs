@@ -61,9 +61,9 @@ impl DecodedRequest {
         self.queries().len()
     }
 
-    /// Number of descriptor rows of all queries.
+    /// Number of rows of all queries.
     pub fn rows(&self) -> usize {
-        self.queries().map(|query| query.descriptors().len()).sum()
+        self.queries().map(SealedQuery::len).sum()
     }
 
     /// Localizes the queries in `map`. `queue_ms`: time the request waited in the queue, milliseconds.

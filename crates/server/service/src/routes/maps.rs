@@ -37,6 +37,8 @@ struct MapEntry {
     points: usize,
     /// Id of its profile: 32 hexadecimal digits, the first half of the SHA-256 of its bytes.
     profile_id: String,
+    /// Id of its pack, in the same form; `null` when the service gives none.
+    pack_id: Option<String>,
     /// Metres of a unit of the map, 1; `null` when the unit is not known.
     metres_per_unit: Option<f64>,
     /// Direction of gravity in the map, a unit vector; `null` when the map does not know it.
@@ -63,6 +65,7 @@ pub(super) async fn list(
             images: loaded.images,
             points: loaded.points,
             profile_id: loaded.profile_id.clone(),
+            pack_id: loaded.pack.as_ref().map(|(_, id)| id.clone()),
             metres_per_unit,
             down,
         }
@@ -88,4 +91,26 @@ pub(super) async fn profile(
     let loaded = authorize_map(&app, &connection, &context, name, &headers)?;
     let common = [(CACHE_CONTROL, "no-cache")];
     Ok((common, version(&loaded.profile, None, "application/x-protobuf", &headers)).into_response())
+}
+
+/// The pack with which a device sends only what the place knows: one `veiloc.v1.Pack` message. Its `ETag` changes with the
+/// pack.
+#[utoipa::path(get, path = "/v1/maps/{name}/pack", security(("token" = [])),
+    params(("name" = String, Path, description = "Name of the map")),
+    responses(
+        (status = 200, description = "The pack", body = Vec<u8>, content_type = "application/x-protobuf"),
+        (status = 304, description = "The client has the current pack (If-None-Match)"),
+        (status = 404, description = "The operator gives no packs, or the map is unknown"),
+))]
+pub(super) async fn pack(
+    State(app): State<Arc<App>>,
+    Extension(connection): Extension<Arc<Connection>>,
+    Extension(context): Extension<Arc<RequestContext>>,
+    name: Result<Path<String>, PathRejection>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let loaded = authorize_map(&app, &connection, &context, name, &headers)?;
+    let (pack, _) = loaded.pack.as_ref().ok_or(Problem::NoPack)?;
+    let common = [(CACHE_CONTROL, "no-cache")];
+    Ok((common, version(pack, None, "application/x-protobuf", &headers)).into_response())
 }

@@ -40,6 +40,7 @@ pub(crate) fn router(app: Arc<App>) -> Router {
     };
     page.route("/v1/maps", get(maps::list))
         .route("/v1/maps/{name}/profile", get(maps::profile))
+        .route("/v1/maps/{name}/pack", get(maps::pack))
         .route("/v1/maps/{name}/localize", post(localize::localize))
         .route("/v1/maps/{name}/localize-rig", post(localize::localize_rig))
         .route("/geopose", post(geopose::geopose))

@@ -80,6 +80,7 @@ impl App {
                     memory: options.map_memory,
                     // Not needed without a page.
                     page_points: options.page.as_ref().map_or(0, |_| options.page_points),
+                    packs: options.packs,
                 },
                 &options.geo_references,
             ),

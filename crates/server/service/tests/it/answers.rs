@@ -7,7 +7,7 @@ use common::{Files, OPERATOR, PHONE, Running, eventually, truth};
 use veiloc_geometry::{CameraFromRig, CameraFromWorld};
 use veiloc_localization::{LocalizeOptions, localize};
 use veiloc_map::{GravityDirection, MapFile, MapModel};
-use veiloc_protocol::{Answer, AnswerDocument, Profile, RigMessage, SealedFrame, SealedQuery};
+use veiloc_protocol::{Answer, AnswerDocument, Pack, Profile, RigMessage, SealedFrame, SealedQuery};
 
 #[test]
 fn answer_equals_library_result() {
@@ -317,4 +317,37 @@ fn openapi_document_matches_the_service() {
     let names: Vec<&str> =
         headers.as_array().expect("a list").iter().filter_map(|p| p["name"].as_str()).collect();
     assert_eq!(names, ["name", "veiloc-trusted-only", "veiloc-near"]);
+}
+
+/// Devices get the pack where the operator gives it, and the service answers their match queries.
+#[test]
+fn packs_are_given_where_the_operator_does() {
+    let files = Files::new();
+    let map = MapFile::open(&files.path("place.vmap")).expect("a map");
+    let (pack, _) = map.pack().expect("it has points");
+    let get =
+        |server: &Running, token: &str| Request::get("/v1/maps/place/pack").token(token).send(server.address);
+    let mut options = files.options();
+    let without = Running::start(options.clone());
+    let response = get(&without, PHONE);
+    assert_eq!((response.status, response.problem()), (404, "no-pack".to_owned()));
+    let listed = Request::get("/v1/maps").token(PHONE).send(without.address).json();
+    assert!(listed["maps"][0]["pack_id"].is_null());
+
+    options.packs = true;
+    let server = Running::start(options);
+    let response = get(&server, PHONE);
+    assert_eq!((response.status, response.header("content-type")), (200, Some("application/x-protobuf")));
+    let received = Pack::decode(&response.body).expect("a pack");
+    assert_eq!(received, pack);
+    let tag = response.header("etag").expect("a tag").to_owned();
+    let again =
+        Request::get("/v1/maps/place/pack").token(PHONE).header("if-none-match", &tag).send(server.address);
+    assert_eq!((again.status, again.body.len()), (304, 0));
+    let listed = Request::get("/v1/maps").token(PHONE).send(server.address).json();
+    assert_eq!(listed["maps"][0]["pack_id"], pack.id().to_string());
+    assert_eq!(Request::get("/v1/maps/place/pack").send(server.address).status, 401);
+
+    let response = server.localize(&files.scene.matched(&truth(), received), PHONE);
+    assert_eq!((response.status, &response.json()["state"]), (200, &"trusted".into()));
 }

@@ -181,7 +181,7 @@ fn documented_refusals_have_counters_from_the_start() {
         named.extend(names.split('`').skip(1).step_by(2).map(|name| (status.to_owned(), name.to_owned())));
     }
     // These belong to other addresses.
-    for other in [("403", "forbidden"), ("404", "not-found")] {
+    for other in [("403", "forbidden"), ("404", "not-found"), ("404", "no-pack")] {
         assert!(named.remove(&(other.0.to_owned(), other.1.to_owned())), "{other:?}");
     }
     for route in ["/v1/maps/{name}/localize", "/v1/maps/{name}/localize-rig", "/geopose"] {

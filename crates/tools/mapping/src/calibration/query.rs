@@ -82,12 +82,13 @@ pub(crate) fn transfer_matches(
     from: &SealedQuery,
     to: &SealedQuery,
 ) -> Option<MatchResult> {
+    let (own, other) = (from.descriptors()?, to.descriptors()?);
     let mut rows: BTreeMap<&[u8], Option<usize>> = BTreeMap::new();
     for row in 0..to.len() {
         // Duplicate descriptors are ambiguous.
-        rows.entry(to.descriptors().row(row)).and_modify(|r| *r = None).or_insert(Some(row));
+        rows.entry(other.row(row)).and_modify(|r| *r = None).or_insert(Some(row));
     }
-    let row_of = |row: usize| rows.get(from.descriptors().row(row)).copied().flatten();
+    let row_of = |row: usize| rows.get(own.row(row)).copied().flatten();
     let known = (0..from.len()).filter(|row| row_of(*row).is_some()).count();
     if to.len() != from.len() || 100 * known < 98 * from.len() {
         return None;

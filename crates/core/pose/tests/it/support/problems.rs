@@ -6,10 +6,10 @@ use std::io::{BufRead, BufReader};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
+use veiloc_descriptor::MatchEvidence;
 use veiloc_geometry::frames::World;
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pencils, Pinhole, Pixel, PixelLine, Point3};
 use veiloc_pose::Correspondences;
-use veiloc_pose::prior::Evidence;
 
 pub(crate) type Failure = Box<dyn std::error::Error>;
 
@@ -21,7 +21,7 @@ pub(crate) struct Query {
     pub(crate) keypoints: Vec<usize>,
     pub(crate) points: Vec<Point3<World>>,
     pub(crate) truth: CameraFromWorld,
-    pub(crate) evidence: Vec<Evidence>,
+    pub(crate) evidence: Vec<MatchEvidence>,
 }
 
 /// The schemes in a few lines: dither of half a pixel, angles in 12 bits, one line per keypoint.
@@ -99,7 +99,7 @@ fn query(line: &Value) -> Result<Query, Failure> {
     let (ratio, votes, track_length) = (of("ratio"), of("votes"), of("track_length"));
     let count = |list: &[f64], i: usize| list.get(i).map(|c| *c as u32);
     let evidence = (0..points.len())
-        .map(|i| Evidence {
+        .map(|i| MatchEvidence {
             ratio: ratio.get(i).copied().unwrap_or(1.0),
             votes: count(&votes, i),
             track_length: count(&track_length, i),

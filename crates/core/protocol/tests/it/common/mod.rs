@@ -9,9 +9,10 @@ use veiloc_descriptor::{
 use veiloc_geometry::Anchor;
 use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_protocol::{
-    AnchoredRow, AngleBits, Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerTimes, CanonicalCamera,
-    CoarseGravity, DoubtKind, FocalKnowledge, GravityUse, Hints, LayoutTurn, LineRow, MapCoordinates,
-    PositionRow, Profile, QueryParts, Rows, Scheme, SealedQuery,
+    AnchoredRow, AngleBits, Answer, AnswerDoubt, AnswerFit, AnswerPose, AnswerTimes, Candidate,
+    CanonicalCamera, CoarseGravity, DoubtKind, FocalKnowledge, GravityUse, Hints, LayoutTurn, LineRow,
+    MapCoordinates, MatchWeight, Pack, PositionRow, Profile, QueryParts, RowMatches, Rows, Scheme,
+    SealedQuery, SentContent,
 };
 
 /// Numbers directly from the generator, so that the known answers do not depend on how a library draws ranges.
@@ -94,6 +95,47 @@ pub(crate) fn query_with_hints(
     make_query((hints, LayoutTurn::default()), profile, scheme, bits, count, seed)
 }
 
+/// A pack of three images and 20 points.
+pub(crate) fn pack() -> Pack {
+    let profile = compact_profile();
+    let kind = profile.descriptor_kind();
+    let mut draw = Draw::new(11);
+    let mut image = |points: Vec<u32>| {
+        let bytes = (0..points.len() * kind.dim()).map(|_| draw.below(256) as u8).collect();
+        (points, Descriptors::new(kind, bytes).expect("whole rows"))
+    };
+    let images = [image((0..12).collect()), image((8..20).collect()), image(vec![0, 5, 5, 19])];
+    Pack::new(profile, 20, images).expect("parts fit")
+}
+
+/// A query of 256 rows with a candidate each.
+pub(crate) fn match_query(pack: &Pack) -> SealedQuery {
+    let with_rows =
+        query_with(pack.profile(), "dcl".parse().expect("a scheme"), AngleBits::default(), 256, 1);
+    let mut draw = Draw::new(12);
+    let rows = (0..256).map(|_| {
+        let point = draw.below(pack.point_count());
+        Candidate { point, weight: MatchWeight::of_probability(f64::from(draw.below(100)) / 100.0) }
+    });
+    let matches = RowMatches::new(pack.point_count(), rows.collect()).expect("of the pack");
+    let bits = with_rows.angle_bits();
+    let mut angles = Draw::new(13);
+    let lines = (0..256).map(|_| {
+        let anchor = Anchor::new(angles.below(2) as usize).expect("one of two");
+        AnchoredRow::new(bits, anchor, bits.angle_on_circle(angles.below(bits.levels_of_circle())))
+    });
+    let parts = QueryParts {
+        camera: with_rows.canonical_camera(),
+        scheme: with_rows.scheme(),
+        angle_bits: bits,
+        rows: Rows::Dcl(lines.collect()),
+        content: SentContent::Matched { pack: pack.id(), matches },
+        hints: Hints::default(),
+        turn: LayoutTurn::default(),
+    };
+    SealedQuery::new(pack.profile(), parts).expect("parts fit")
+}
+
 fn make_query(
     (hints, turn): (Hints, LayoutTurn),
     profile: &Profile,
@@ -138,7 +180,8 @@ fn make_query(
         let codes = (0..profile.global_model().global_len()).map(|_| draw.below(100) as i8 - 50);
         GlobalDescriptor::new(codes.collect())
     });
-    let parts = QueryParts { camera, scheme, angle_bits: bits, rows, descriptors, image_global, hints, turn };
+    let content = SentContent::Described { descriptors, image_global };
+    let parts = QueryParts { camera, scheme, angle_bits: bits, rows, content, hints, turn };
     SealedQuery::new(profile, parts).expect("parts fit")
 }
 
@@ -162,6 +205,7 @@ pub(crate) fn known_answers() -> Vec<(String, SealedQuery)> {
     ] {
         all.push((name.to_owned(), dcl(&profile(), Hints { focal, gravity })));
     }
+    all.push(("matches".to_owned(), match_query(&pack())));
     let turn =
         LayoutTurn::new(&Rotation3::from_scaled_axis(Vector3::new(0.125, -0.5, 0.0625))).expect("finite");
     for (name, scheme, turn) in [

@@ -148,7 +148,7 @@ fn decoys_are_no_copies(learned: &Arc<Learned>) {
     let sealer = sealer("dcl", learned, &profile);
     let (query, truth) = sealer.seal_with_truth(of_camera(&few), &mut rng()).expect("sealed");
     let of_decoys = |decoy: bool| (0..query.len()).filter(move |row| truth.source[*row].is_none() == decoy);
-    let rows = query.descriptors();
+    let rows = query.descriptors().expect("rows");
     let length = |row: usize| rows.values(row).map(|v| f64::from(v).powi(2)).sum::<f64>().sqrt();
     let mean = |rows: Vec<usize>| rows.iter().map(|row| length(*row)).sum::<f64>() / rows.len() as f64;
     let (decoys, real): (Vec<usize>, Vec<usize>) =
@@ -230,8 +230,8 @@ fn messages_carry_a_compact_kind() {
         let sealer = sealer("dcl", &learned, &profile);
         let query = sealer.seal(of_camera(&features), &mut rng()).expect("sealed");
         let read = SealedQuery::decode(&query.encode()).expect("a query");
-        assert_eq!(read.descriptors().kind(), learned.kind());
-        let row = |query: &SealedQuery, row: usize| query.descriptors().row(row).to_vec();
+        assert_eq!(read.descriptors().expect("rows").kind(), learned.kind());
+        let row = |query: &SealedQuery, row: usize| query.descriptors().expect("rows").row(row).to_vec();
         assert!((0..query.len()).all(|i| row(&read, i) == row(&query, i)), "rows are settled first");
         let profile_read = Profile::decode(&profile.encode()).expect("a profile");
         assert_eq!(profile_read.descriptor_kind(), learned.kind());

@@ -5,6 +5,7 @@ use std::ops::Range;
 use rand::Rng as _;
 use rand::seq::index::sample;
 use veiloc_descriptor::{DescriptorKind, Encoding};
+use veiloc_geometry::nalgebra::{DMatrix, SymmetricEigen};
 
 use crate::decoys::common::rng;
 
@@ -73,22 +74,99 @@ pub(crate) fn joint(rows: &[Row]) -> f64 {
             ]);
         }
     }
-    // Scaled to mean 0 and variance 1, with all products.
-    let columns = inputs[0].len();
+    standardize(&mut inputs);
+    let mut of_rows = inputs.into_iter().map(with_products);
+    auc(&trained(rows, |_| of_rows.next().expect("one for each row")).concat())
+}
+
+/// Scales each column to mean 0 and variance 1.
+fn standardize(inputs: &mut [Vec<f64>]) {
     let count = inputs.len() as f64;
-    for column in 0..columns {
+    for column in 0..inputs[0].len() {
         let mean = inputs.iter().map(|x| x[column]).sum::<f64>() / count;
         let sd = (inputs.iter().map(|x| (x[column] - mean).powi(2)).sum::<f64>() / count).sqrt().max(1e-9);
-        for x in &mut inputs {
+        for x in &mut *inputs {
             x[column] = (x[column] - mean) / sd;
         }
     }
-    let mut of_rows = inputs.into_iter().map(|x| {
-        let products = (0..columns).flat_map(|i| (i..columns).map(move |j| (i, j)));
-        let products: Vec<f64> = products.map(|(i, j)| (x[i] * x[j]).clamp(-4.0, 4.0)).collect();
-        x.into_iter().chain(products).map(|value| 0.2 * value).collect::<Vec<f64>>()
-    });
-    trained(rows, |_| of_rows.next().expect("one for each row"))
+}
+
+/// Numbers of about unit variance with all their products, scaled for the regression.
+fn with_products(x: Vec<f64>) -> Vec<f64> {
+    let products = (0..x.len()).flat_map(|i| (i..x.len()).map(move |j| (i, j)));
+    let products: Vec<f64> = products.map(|(i, j)| (x[i] * x[j]).clamp(-4.0, 4.0)).collect();
+    x.into_iter().chain(products).map(|value| 0.2 * value).collect()
+}
+
+/// Principal components whose energy is one number.
+const GROUP: usize = 8;
+
+/// What the energies of principal components tell. The components are those of all rows of a query.
+pub(crate) struct EnergyAttack {
+    /// How often a decoy is ranked above a real row of the same image, by a logistic regression of the energies of groups
+    /// of components and their products, trained on other images.
+    pub(crate) within_image: f64,
+    /// Correlation of the number of real rows with what a regression of the moments of these energies says, trained on
+    /// other images.
+    pub(crate) count: f64,
+}
+
+/// The attack by energies of principal components, relative to their mean in the query.
+pub(crate) fn energies(rows: &[Row]) -> EnergyAttack {
+    let (mut inputs, mut moments, mut counts) = (Vec::new(), Vec::new(), Vec::new());
+    for query in rows.chunks(ROWS) {
+        let mean = mean_of(&query.iter().map(|row| &row.descriptor[..]).collect::<Vec<_>>());
+        let centred = DMatrix::from_fn(query.len(), mean.len(), |i, j| query[i].descriptor[j] - mean[j]);
+        let eigen = SymmetricEigen::new(centred.transpose() * &centred);
+        let mut order: Vec<usize> = (0..mean.len()).collect();
+        order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+        let parts = &centred * &eigen.eigenvectors;
+        let energy = |row: usize, group: &[usize]| {
+            (group.iter().map(|i| parts[(row, *i)].powi(2)).sum::<f64>() + 1.0).ln()
+        };
+        let mut own: Vec<Vec<f64>> = (0..query.len())
+            .map(|row| order.chunks(GROUP).map(|group| energy(row, group)).collect())
+            .collect();
+        let groups = own[0].len();
+        let column = |i: usize| own.iter().map(move |x| x[i]);
+        let of_image: Vec<f64> = (0..groups)
+            .flat_map(|i| {
+                let n = query.len() as f64;
+                let mean = column(i).sum::<f64>() / n;
+                let moment = |power: i32| column(i).map(|x| (x - mean).powi(power)).sum::<f64>() / n;
+                let sd = moment(2).sqrt().max(1e-9);
+                [mean, sd, moment(3) / sd.powi(3)]
+            })
+            .collect();
+        moments.push(of_image);
+        counts.push(query.iter().filter(|row| !row.decoy).count() as f64);
+        standardize(&mut own);
+        inputs.extend(own);
+    }
+    let mut of_rows = inputs.into_iter().map(with_products);
+    let judged = trained(rows, |_| of_rows.next().expect("one for each row"));
+    let within_image = judged.iter().map(|image| auc(image)).sum::<f64>() / judged.len() as f64;
+    standardize(&mut moments);
+    EnergyAttack { within_image, count: told_by(&moments, &counts) }
+}
+
+/// Correlation of numbers of odd images with a ridge regression on even ones.
+fn told_by(moments: &[Vec<f64>], numbers: &[f64]) -> f64 {
+    let columns = moments[0].len() + 1;
+    let input = |image: usize, column: usize| if column == 0 { 1.0 } else { moments[image][column - 1] };
+    let of_half = |odd: usize| -> (DMatrix<f64>, DMatrix<f64>) {
+        let images: Vec<usize> = (odd..moments.len()).step_by(2).collect();
+        let x = DMatrix::from_fn(images.len(), columns, |i, j| input(images[i], j));
+        (x, DMatrix::from_fn(images.len(), 1, |i, _| numbers[images[i]]))
+    };
+    let ((train, known), (test, truth)) = (of_half(0), of_half(1));
+    let ridge = DMatrix::<f64>::identity(columns, columns) * 3.0;
+    let normal: DMatrix<f64> = train.transpose() * &train + ridge;
+    let weights = normal.lu().solve(&(train.transpose() * known)).expect("positive definite");
+    let found = test * weights;
+    let centred = |v: &DMatrix<f64>| v.add_scalar(-v.mean());
+    let (a, b) = (centred(&found), centred(&truth));
+    a.dot(&b) / (a.norm() * b.norm()).max(1e-9)
 }
 
 /// Name of a measure, its AUC, and the allowed range of the AUC.
@@ -115,8 +193,8 @@ pub(crate) fn simple(rows: &[Row], value: impl Fn(&Row) -> f64) -> f64 {
     auc(&rows.iter().map(|row| (value(row), row.decoy)).collect::<Vec<_>>())
 }
 
-/// Logistic regression on features of a row, trained on even images and tested on odd ones.
-fn trained(rows: &[Row], mut features: impl FnMut(&Row) -> Vec<f64>) -> f64 {
+/// Logistic regression on features of a row, trained on even images: the scores of the rows of each odd one.
+fn trained(rows: &[Row], mut features: impl FnMut(&Row) -> Vec<f64>) -> Vec<Vec<(f64, bool)>> {
     let inputs: Vec<(Vec<f64>, bool, bool)> =
         rows.iter().map(|r| (features(r), r.decoy, r.image % 2 == 0)).collect();
     let mut weights = vec![0.0; inputs[0].0.len() + 1];
@@ -131,9 +209,8 @@ fn trained(rows: &[Row], mut features: impl FnMut(&Row) -> Vec<f64>) -> f64 {
             }
         }
     }
-    let judged: Vec<(f64, bool)> =
-        inputs.iter().filter(|i| !i.2).map(|(x, decoy, _)| (score(&weights, x), *decoy)).collect();
-    auc(&judged)
+    let images = inputs.chunks(ROWS).filter(|image| !image[0].2);
+    images.map(|image| image.iter().map(|(x, decoy, _)| (score(&weights, x), *decoy)).collect()).collect()
 }
 
 /// The other rows of a row's query.
@@ -254,9 +331,9 @@ pub(crate) fn of_blends(kind: DescriptorKind, rows: &[Row]) -> [(&'static str, f
         ("sum", simple(rows, sum)),
         ("largest number", simple(rows, largest)),
         ("distance to the nearest row", simple(rows, |r| nearness(rows, r))),
-        ("logistic regression trained on decoys", trained(rows, numbers)),
-        ("the same of products of two numbers", trained(rows, products)),
-        ("the same of 500 random hinges", trained(rows, hinges)),
+        ("logistic regression trained on decoys", auc(&trained(rows, numbers).concat())),
+        ("the same of products of two numbers", auc(&trained(rows, products).concat())),
+        ("the same of 500 random hinges", auc(&trained(rows, hinges).concat())),
         ("search for the rows it is a sum of", simple(rows, |r| found_in(&others(rows, r), r))),
         ("the same, of sums of three rows", sums_of_three(rows)),
     ]

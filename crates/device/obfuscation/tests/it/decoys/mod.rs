@@ -10,7 +10,9 @@ use std::path::Path;
 
 use base64::Engine;
 use common::{angles, options, profile, rng, seal_with_truth};
-use measures::{MeasureAuc, Row, check_measures, joint, of_blends, share_counted, simple};
+use measures::{
+    EnergyAttack, MeasureAuc, Row, check_measures, energies, joint, of_blends, share_counted, simple,
+};
 use rand::seq::index::sample;
 use rand_chacha::ChaCha8Rng;
 use veiloc_descriptor::{DescriptorKind, Descriptors, GlobalDescriptor, Vocabulary};
@@ -72,7 +74,7 @@ fn seal_some(
 
 /// The rows of a sealed image as an attacker sees them, with the ground truth.
 fn rows_of(image: usize, (query, truth): &(SealedQuery, SealTruth)) -> Vec<Row> {
-    let (descriptors, lines) = (query.descriptors(), angles(&query.observations()));
+    let (descriptors, lines) = (query.descriptors().expect("rows"), angles(&query.observations()));
     let row = |(row, source): (usize, &Option<usize>)| Row {
         image,
         descriptor: descriptors.values(row).map(f64::from).collect(),
@@ -129,6 +131,11 @@ fn l5_descriptors_and_angles_together_do_not_tell_decoys(data: &Path) {
         rows.extend(rows_of(index, &seal_some(image, &all, &profile, &mut draw)));
     }
     let sent = joint(&rows);
+    let EnergyAttack { within_image, count } = energies(&rows);
+    eprintln!(
+        "energies of principal components: AUC within an image {within_image:.3}, the number of real rows {count:.2}"
+    );
+    assert!(within_image < 0.80, "{within_image:.3}");
     // The leak: the decoys of a query lie where others of its decoys should.
     for query in rows.chunks_mut(256) {
         let decoys: Vec<usize> = (0..256).filter(|row| query[*row].decoy).collect();
@@ -247,7 +254,7 @@ fn decoy_retrieval_cost_matches_documentation(data: &Path) {
             for (right, (image, chosen)) in images.iter().zip(&chosen).enumerate() {
                 let n = (DRAWS * images.len()) as f64;
                 let (query, truth) = seal_some(image, chosen, &profile, &mut rng);
-                with_decoys += found(query.global(), right) / n;
+                with_decoys += found(query.global().expect("of rows"), right) / n;
                 // The keypoints that are sent: some at the image's border are dropped.
                 let sent = truth.source.iter().flatten().map(|source| chosen[*source]);
                 let real = image.features.descriptors.select(sent);

@@ -116,8 +116,8 @@ fn sealed(trajectory: Trajectory, scheme: &str, options: SessionOptions, seed: u
             let sealed = sealer.in_session(&mut session).seal_with_truth(extracted, &mut device);
             let (query, truth) = sealed.expect("it can be sealed");
             let lines = Observation::of_sent(&query.observations());
-            let descriptors =
-                DecodedDescriptors::new(query.descriptors().as_bytes(), 128).expect("whole rows");
+            let descriptors = DecodedDescriptors::new(query.descriptors().expect("rows").as_bytes(), 128)
+                .expect("whole rows");
             Sealed { query, truth, pose, lines, descriptors }
         })
         .collect()

@@ -127,7 +127,8 @@ struct Other<'a> {
 fn matches(from: &TrustedFrame, to: &TrustedFrame) -> Vec<Option<usize>> {
     let options = MatchOptions::default().with_max_ratio(Some(RATIO));
     let mut matches = vec![None; from.lines.len()];
-    for m in match_descriptors(from.query.descriptors(), to.query.descriptors(), &options) {
+    let (Some(own), Some(other)) = (from.query.descriptors(), to.query.descriptors()) else { return matches };
+    for m in match_descriptors(own, other, &options) {
         matches[m.query as usize] = Some(m.database as usize);
     }
     matches

@@ -91,7 +91,7 @@ impl TrustedFrame {
         Some(Self {
             camera: query.camera(),
             cam_from_world: found.cam_from_world,
-            descriptors: DecodedDescriptors::of(query.descriptors()),
+            descriptors: DecodedDescriptors::of(query.descriptors()?),
             known,
             private: sealed
                 .truth

@@ -21,8 +21,8 @@ use tokio::sync::mpsc::{UnboundedSender, unbounded_channel};
 use veiloc_descriptor::{DescriptorKind, Descriptors};
 use veiloc_features::Features;
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
-use veiloc_obfuscation::{Extracted, SealOptions, Sealer};
-use veiloc_protocol::{Profile, SealedQuery};
+use veiloc_obfuscation::{Extracted, KnownPlace, PackUse, SealOptions, Sealer};
+use veiloc_protocol::{Pack, Profile, SealedQuery};
 use veiloc_service::{
     Clock, Listening, MapSource, Server, ServerHandle, ServerOptions, ShutdownSummary, Timeouts,
 };
@@ -62,6 +62,15 @@ impl TestScene {
     pub fn sealed(&self, pose: &CameraFromWorld) -> Vec<u8> {
         let mut rng = ChaCha20Rng::seed_from_u64(3);
         seal_features(self.features(pose), &self.camera, &self.profile, &mut rng).encode()
+    }
+
+    /// A match query of a device with this pack.
+    pub fn matched(&self, pose: &CameraFromWorld, pack: Pack) -> Vec<u8> {
+        let place = KnownPlace::new(pack).expect("sift");
+        let options = SealOptions::default().with_place(place, PackUse::Matches);
+        let sealer = Sealer::new(&self.profile, options).expect("its profile");
+        let extracted = Extracted::new(self.features(pose), self.camera);
+        sealer.seal(extracted, &mut ChaCha20Rng::seed_from_u64(3)).expect("sealed").encode()
     }
 
     /// A query under the paper's halves whose left half shows this scene and whose right half another: matching lines

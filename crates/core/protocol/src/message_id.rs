@@ -1,4 +1,4 @@
-//! The id of a profile.
+//! The ids by which clients pin what a server publishes.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,11 +7,17 @@ use sha2::{Digest, Sha256};
 
 use crate::QueryError;
 
-/// The id of a profile: the first 16 bytes of the SHA-256 of its encoding. Printed as 32 hexadecimal digits.
+/// The first 16 bytes of the SHA-256 of an encoded message. Printed as 32 hexadecimal digits.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct ProfileId([u8; 16]);
+pub struct MessageId([u8; 16]);
 
-impl ProfileId {
+/// The id of a [`Profile`](crate::Profile).
+pub type ProfileId = MessageId;
+
+/// The id of a [`Pack`](crate::Pack).
+pub type PackId = MessageId;
+
+impl MessageId {
     /// From its bytes.
     pub const fn from_bytes(bytes: [u8; 16]) -> Self {
         Self(bytes)
@@ -22,7 +28,7 @@ impl ProfileId {
         &self.0
     }
 
-    /// The id of an encoded profile.
+    /// The id of an encoded message.
     pub(crate) fn of(encoded: &[u8]) -> Self {
         let mut id = [0; 16];
         id.copy_from_slice(&Sha256::digest(encoded)[..16]);
@@ -30,18 +36,18 @@ impl ProfileId {
     }
 }
 
-impl fmt::Display for ProfileId {
+impl fmt::Display for MessageId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
     }
 }
 
 /// 32 hexadecimal digits, as printed.
-impl FromStr for ProfileId {
+impl FromStr for MessageId {
     type Err = QueryError;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let invalid = || QueryError::ProfileId { text: text.to_owned() };
+        let invalid = || QueryError::MessageId { text: text.to_owned() };
         if text.len() != 32 || !text.bytes().all(|digit| digit.is_ascii_hexdigit()) {
             return Err(invalid());
         }
@@ -53,9 +59,9 @@ impl FromStr for ProfileId {
     }
 }
 
-impl fmt::Debug for ProfileId {
+impl fmt::Debug for MessageId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "ProfileId({self})")
+        write!(f, "MessageId({self})")
     }
 }
 
@@ -65,9 +71,9 @@ mod tests {
 
     #[test]
     fn ids_are_read_as_they_are_printed() {
-        let id = ProfileId::of(b"a profile");
-        assert_eq!(id.to_string().parse::<ProfileId>().expect("an id"), id);
-        assert_eq!(id.to_string().to_uppercase().parse::<ProfileId>().expect("an id"), id);
+        let id = MessageId::of(b"a profile");
+        assert_eq!(id.to_string().parse::<MessageId>().expect("an id"), id);
+        assert_eq!(id.to_string().to_uppercase().parse::<MessageId>().expect("an id"), id);
         for text in [
             "",
             "12",
@@ -77,7 +83,7 @@ mod tests {
             &"\u{e9}".repeat(16),
             &format!("+{}", "1".repeat(31)),
         ] {
-            assert!(text.parse::<ProfileId>().is_err(), "{text}");
+            assert!(text.parse::<MessageId>().is_err(), "{text}");
         }
     }
 }
