@@ -172,6 +172,18 @@ test("refusals have a kind, and permanent ones are not retried", async () => {
   });
 });
 
+test("a pack is fetched as its bytes", async () => {
+  const none = { status: 404, body: { type: "urn:veiloc:problem:no-pack", title: "T", detail: "D" } };
+  await withService([{ type: "application/x-protobuf", body: "pack" }, none, { type: "text/html" }], async (address, requests) => {
+    const client = new Client(address, { token: "abc" });
+    assert.deepEqual(await client.pack("lobby"), new TextEncoder().encode("pack"));
+    assert.deepEqual([requests[0].url, requests[0].headers.authorization], ["/v1/maps/lobby/pack", "Bearer abc"]);
+    await assert.rejects(client.pack("lobby"), (error) => error.kind === "refused" && error.problem === "no-pack");
+    await assert.rejects(client.pack("lobby"), kind("bad-answer"));
+    await assert.rejects(client.pack("a/b"), kind("map-name"));
+  });
+});
+
 test("invalid answers of a service are refused", async () => {
   for (const invalid of [{ type: "text/html", body: "<h1>Hotel</h1>" }, { body: "{" }, { body: { state: "sure", doubts: [] } }, { body: { ...answer, state: "trusted" } }, { body: { ...answer, doubts: [] } }]) {
     await withService([invalid], (address) => assert.rejects(new Client(address).localize("lobby", query), kind("bad-answer")));

@@ -112,6 +112,8 @@ class Place:
                 "--quiet", "-o", self.map)
         self.profile = work / "place.profile"
         run(veiloc, "map", "profile", self.map, "--out", self.profile, "--quiet")
+        self.pack = work / "place.vpack"
+        run(veiloc, "map", "pack", self.map, "--out", self.pack, "--quiet")
         camera = (place / "posed/cameras.txt").read_text().splitlines()[-1].split()
         self.model, self.size_and_params = camera[1], ",".join(camera[2:])
         queries = (place / "query.txt").read_text().split()
@@ -147,10 +149,14 @@ class Place:
 
     def reference(self, name, camera, images):
         """Raw frames and the queries that the library makes of the files."""
-        run(self.libraries / "examples/reference", self.profile, camera, self.work / name, *images)
+        run(self.libraries / "examples/reference", self.pack, camera, self.work / name, *images)
         # An answer and its document, which each language must give to the byte.
         for known, copy in (("doubtful.answer", "answer"), ("doubtful.json", "answer.json")):
             shutil.copyfile(ROOT / "crates/core/protocol/tests/data" / known, self.work / name / copy)
+        # In each language the first frame is sealed with the pack, too.
+        shutil.copyfile(self.pack, self.work / name / "pack")
+        if name == "rendered" and not (self.work / name / "matched").read_bytes():
+            sys.exit("the pack does not explain a frame of its place")
 
     def locate(self, *program, **options):
         """Runs an example of a language against the service, and checks its poses."""

@@ -121,7 +121,8 @@ def main():
     tracking = run.poses_of(own) if own.exists() else drifted(truth, names)
     words = (given.scene / "posed/cameras.txt").read_text().splitlines()[-1].split()[1:]
     run.run(given.veiloc, "map", "profile", given.map, "--out", work / "profile", "--quiet")
-    run.run(given.libraries / "examples/reference", work / "profile", ",".join(words), work / "frames",
+    run.run(given.veiloc, "map", "pack", given.map, "--out", work / "pack", "--quiet")
+    run.run(given.libraries / "examples/reference", work / "pack", ",".join(words), work / "frames",
             *(given.scene / "images" / name for name in names))
     log = open(work / "log", "w+")
     service = subprocess.Popen([given.veiloc, "serve", "--map", f"place={given.map}", "--listen", "127.0.0.1:0", "--rate", "1000", "--burst",

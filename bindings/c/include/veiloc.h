@@ -67,6 +67,11 @@ typedef enum VeilocStatus {
   VEILOC_STATUS_INTERNAL = 12,
   // The call was cancelled; nothing changed.
   VEILOC_STATUS_CANCELLED = 13,
+  // The bytes are not a pack of this version, or it has descriptors with which packs are not used: fetch it again, or
+  // update the app.
+  VEILOC_STATUS_PACK = 14,
+  // Hardly anything in the frame is of the place of the pack: point the camera at the place.
+  VEILOC_STATUS_NOT_THIS_PLACE = 15,
 } VeilocStatus;
 
 // What an answer did.
@@ -137,6 +142,14 @@ typedef enum VeilocFocal {
   VEILOC_FOCAL_UNKNOWN = 2,
 } VeilocFocal;
 
+// What is sent with a pack.
+typedef enum VeilocPackUse {
+  // The points that keypoints match in the pack, and no descriptor.
+  VEILOC_PACK_USE_MATCHES = 0,
+  // The descriptors that the pack explains.
+  VEILOC_PACK_USE_EXPLAINED = 1,
+} VeilocPackUse;
+
 // Answers of one AR session, and the transform that most of them agree on.
 typedef struct VeilocAlignment VeilocAlignment;
 
@@ -153,6 +166,9 @@ typedef struct VeilocCancellation VeilocCancellation;
 
 // The features of a frame, until they are sealed. They hold positions of keypoints, and are never sent.
 typedef struct VeilocExtracted VeilocExtracted;
+
+// What a place looks like, without where: with it a device sends only what the place knows. Several sealers may share it.
+typedef struct VeilocPack VeilocPack;
 
 // What a device needs to seal for a map.
 typedef struct VeilocProfile VeilocProfile;
@@ -319,6 +335,11 @@ typedef struct VeilocOptions {
   // The direction of gravity is sent, rounded to about a degree, where the pose of the camera is known, unless this is
   // true. Set it for a world whose vertical is not gravity, unlike those of ARKit and ARCore.
   bool without_gravity;
+  // The pack of the map: nothing is sent that the place does not know. Null: all descriptors are sent. It may be freed
+  // when the sealer is made.
+  const struct VeilocPack *pack;
+  // What is sent with a pack: a `VeilocPackUse`.
+  uint32_t send;
 } VeilocOptions;
 
 // Counts of a session.
@@ -496,6 +517,21 @@ void veiloc_cancel(const struct VeilocCancellation *cancellation);
 // Frees a request.
 void veiloc_cancellation_free(struct VeilocCancellation *cancellation);
 
+// Reads a pack and prepares it, which takes about a millisecond per thousand rows: call it on a thread of its own, once.
+enum VeilocStatus veiloc_pack_new(const uint8_t *bytes,
+                                  size_t length,
+                                  struct VeilocPack **out);
+
+// The id of the pack, 32 hexadecimal digits: the operator publishes it, and an app that compares it notices a pack that
+// was made for one device. Valid as long as the pack; null for null.
+const char *veiloc_pack_id(const struct VeilocPack *pack);
+
+// The profile of the map, which a pack contains: an app that has the pack need not fetch it.
+enum VeilocStatus veiloc_pack_profile(const struct VeilocPack *pack, struct VeilocProfile **out);
+
+// Frees a pack. Sealers that were made with it stay usable.
+void veiloc_pack_free(struct VeilocPack *pack);
+
 // A pose from the columns of a 4 x 4 matrix: `simd_float4x4` of ARKit, `Pose.toMatrix` of ARCore, WebXR's `matrix`.
 enum VeilocStatus veiloc_pose_from_matrix(const double *columns,
                                           struct VeilocPose *out);
@@ -559,8 +595,8 @@ enum VeilocStatus veiloc_sealer_extract(const struct VeilocSealer *sealer,
 //
 // `session`: null for a frame of its own. Frames of one place belong to one session.
 //
-// Fails with `Unbalanced` when the query could not determine a pose. The session has not changed after any error, so
-// another frame costs nothing.
+// Fails with `Unbalanced` when the query could not determine a pose, and with `NotThisPlace` when the frame does not show
+// the place of the pack. The session has not changed after any error, so another frame costs nothing.
 enum VeilocStatus veiloc_sealer_seal(const struct VeilocSealer *sealer,
                                      struct VeilocSession *session,
                                      struct VeilocExtracted *extracted,

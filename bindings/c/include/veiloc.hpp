@@ -27,6 +27,7 @@ inline void check(VeilocStatus status) {
 /// The deleters of all handles.
 struct Free {
   void operator()(VeilocProfile *handle) const { veiloc_profile_free(handle); }
+  void operator()(VeilocPack *handle) const { veiloc_pack_free(handle); }
   void operator()(VeilocSealer *handle) const { veiloc_sealer_free(handle); }
   void operator()(VeilocExtracted *handle) const { veiloc_extracted_free(handle); }
   void operator()(VeilocSession *handle) const { veiloc_session_free(handle); }
@@ -39,6 +40,8 @@ struct Free {
 };
 
 using Profile = std::unique_ptr<VeilocProfile, Free>;
+/// For `VeilocOptions`: `options.pack = pack.get()`.
+using Pack = std::unique_ptr<VeilocPack, Free>;
 /// Several threads may use it at once.
 using Sealer = std::unique_ptr<VeilocSealer, Free>;
 using Extracted = std::unique_ptr<VeilocExtracted, Free>;
@@ -63,6 +66,19 @@ inline Bytes taken(VeilocBytes bytes) {
 inline Profile profile(const Bytes &bytes) {
   VeilocProfile *handle = nullptr;
   check(veiloc_profile_new(bytes.data(), bytes.size(), &handle));
+  return Profile(handle);
+}
+
+inline Pack pack(const Bytes &bytes) {
+  VeilocPack *handle = nullptr;
+  check(veiloc_pack_new(bytes.data(), bytes.size(), &handle));
+  return Pack(handle);
+}
+
+/// The profile that a pack contains.
+inline Profile profile(const Pack &pack) {
+  VeilocProfile *handle = nullptr;
+  check(veiloc_pack_profile(pack.get(), &handle));
   return Profile(handle);
 }
 

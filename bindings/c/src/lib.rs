@@ -31,6 +31,7 @@ pub mod burst;
 pub mod bytes;
 pub mod camera;
 pub mod cancellation;
+pub mod pack;
 mod pointers;
 pub mod pose;
 pub mod profile;

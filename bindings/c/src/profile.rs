@@ -13,6 +13,13 @@ pub struct VeilocProfile {
     id: CString,
 }
 
+impl VeilocProfile {
+    pub(crate) fn new(profile: Profile) -> Self {
+        let id = CString::new(profile.id().to_string()).unwrap_or_default();
+        Self { profile, id }
+    }
+}
+
 /// Reads a profile.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn veiloc_profile_new(
@@ -24,9 +31,8 @@ pub unsafe extern "C" fn veiloc_profile_new(
         // SAFETY: the contract of the crate.
         let bytes = unsafe { pointers::slice(bytes, length, "bytes") }?;
         let profile = Profile::decode(bytes).map_err(|e| Failure::new(VeilocStatus::Profile, e))?;
-        let id = CString::new(profile.id().to_string()).unwrap_or_default();
         // SAFETY: as above.
-        unsafe { pointers::give_handle(out, VeilocProfile { profile, id }) }
+        unsafe { pointers::give_handle(out, VeilocProfile::new(profile)) }
     })
 }
 

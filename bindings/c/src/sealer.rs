@@ -6,11 +6,12 @@ use std::sync::Arc;
 use rand_chacha::ChaCha20Rng;
 use veiloc_ar::orientation_in_world;
 use veiloc_features::Image;
-use veiloc_obfuscation::{DeviceLimits, Extracted, SealOptions, Sealer, device_rng};
+use veiloc_obfuscation::{DeviceLimits, Extracted, PackUse, SealOptions, Sealer, device_rng};
 use veiloc_protocol::{AngleBits, Scheme};
 
 use crate::camera::{VeilocCamera, VeilocFrame, camera};
 use crate::cancellation::VeilocCancellation;
+use crate::pack::{VeilocPack, pack_use};
 use crate::pointers;
 use crate::pose::{VeilocPose, axes};
 use crate::profile::VeilocProfile;
@@ -33,6 +34,11 @@ pub struct VeilocOptions {
     /// The direction of gravity is sent, rounded to about a degree, where the pose of the camera is known, unless this is
     /// true. Set it for a world whose vertical is not gravity, unlike those of ARKit and ARCore.
     pub without_gravity: bool,
+    /// The pack of the map: nothing is sent that the place does not know. Null: all descriptors are sent. It may be freed
+    /// when the sealer is made.
+    pub pack: *const VeilocPack,
+    /// What is sent with a pack: a `VeilocPackUse`.
+    pub send: u32,
 }
 
 /// Seals frames for one map. Unlike other handles, several threads may use it at once.
@@ -112,8 +118,8 @@ pub unsafe extern "C" fn veiloc_sealer_extract(
 ///
 /// `session`: null for a frame of its own. Frames of one place belong to one session.
 ///
-/// Fails with `Unbalanced` when the query could not determine a pose. The session has not changed after any error, so
-/// another frame costs nothing.
+/// Fails with `Unbalanced` when the query could not determine a pose, and with `NotThisPlace` when the frame does not show
+/// the place of the pack. The session has not changed after any error, so another frame costs nothing.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn veiloc_sealer_seal(
     sealer: *const VeilocSealer,
@@ -179,7 +185,7 @@ unsafe fn seal(
 }
 
 /// # Safety
-/// `given` is null or valid, and so is its scheme. Queries that could not determine a pose are refused.
+/// `given` is null or valid, and so are its scheme and pack. Queries that could not determine a pose are refused.
 unsafe fn options(given: *const VeilocOptions) -> Result<SealOptions, Failure> {
     // SAFETY: the caller guarantees it.
     let Some(given) = (unsafe { pointers::optional(given) }) else {
@@ -205,6 +211,15 @@ unsafe fn options(given: *const VeilocOptions) -> Result<SealOptions, Failure> {
     if given.without_gravity {
         options = options.without_gravity();
     }
+    let send = pack_use(given.send)?;
+    // SAFETY: as above.
+    options = match unsafe { pointers::optional(given.pack) } {
+        Some(pack) => options.with_place(pack.place.clone(), send),
+        None if send == PackUse::default() => options,
+        None => {
+            return Err(argument(&"options.send says what is sent with a pack, but options.pack is null"));
+        }
+    };
     Ok(options.only_balanced())
 }
 

@@ -40,6 +40,11 @@ pub enum VeilocStatus {
     Internal = 12,
     /// The call was cancelled; nothing changed.
     Cancelled = 13,
+    /// The bytes are not a pack of this version, or it has descriptors with which packs are not used: fetch it again, or
+    /// update the app.
+    Pack = 14,
+    /// Hardly anything in the frame is of the place of the pack: point the camera at the place.
+    NotThisPlace = 15,
 }
 
 /// An error before it becomes a status.
@@ -60,6 +65,7 @@ impl From<SealError> for Failure {
             SealErrorKind::Image => VeilocStatus::Image,
             SealErrorKind::Texture => VeilocStatus::Texture,
             SealErrorKind::Unbalanced => VeilocStatus::Unbalanced,
+            SealErrorKind::NotThisPlace => VeilocStatus::NotThisPlace,
             SealErrorKind::Session => VeilocStatus::Session,
             SealErrorKind::TooManyStarts => VeilocStatus::TooManyStarts,
             SealErrorKind::TurnedAway => VeilocStatus::TurnedAway,

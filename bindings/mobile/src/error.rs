@@ -42,6 +42,13 @@ pub enum VeilocException {
     /// The call was cancelled; nothing changed.
     #[error("{0}")]
     Cancelled(String),
+    /// The bytes are not a pack of this version, or it has descriptors with which packs are not used: fetch it again, or
+    /// update the app.
+    #[error("{0}")]
+    Pack(String),
+    /// Hardly anything in the frame is of the place of the pack: point the camera at the place.
+    #[error("{0}")]
+    NotThisPlace(String),
 }
 
 impl VeilocException {
@@ -57,6 +64,7 @@ impl From<SealError> for VeilocException {
             SealErrorKind::Image => Self::Image(text),
             SealErrorKind::Texture => Self::Texture(text),
             SealErrorKind::Unbalanced => Self::Unbalanced(text),
+            SealErrorKind::NotThisPlace => Self::NotThisPlace(text),
             SealErrorKind::Session => Self::SessionBytes(text),
             SealErrorKind::TooManyStarts => Self::TooManyStarts(text),
             SealErrorKind::TurnedAway => Self::TurnedAway(text),

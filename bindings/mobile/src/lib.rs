@@ -23,6 +23,7 @@ pub mod burst;
 pub mod camera;
 pub mod cancellation;
 pub mod error;
+pub mod pack;
 pub mod pose;
 pub mod profile;
 pub mod query;

@@ -11,6 +11,7 @@ use veiloc_protocol::{AngleBits, Scheme};
 use crate::camera::{Camera, FrameLayout, known_camera};
 use crate::cancellation::{Cancellation, stop_of};
 use crate::error::VeilocException;
+use crate::pack::{Pack, PackUse};
 use crate::pose::CameraPose;
 use crate::profile::Profile;
 use crate::query::Query;
@@ -35,12 +36,19 @@ pub struct SealOptions {
     /// a world whose vertical is not gravity, unlike those of ARKit and ARCore.
     #[uniffi(default = true)]
     pub send_gravity: bool,
+    /// The pack of the map: nothing is sent that the place does not know. Default: all descriptors are sent.
+    #[uniffi(default = None)]
+    pub pack: Option<Arc<Pack>>,
+    /// What is sent with a pack. Default: matches.
+    #[uniffi(default = None)]
+    pub send: Option<PackUse>,
 }
 
 impl Default for SealOptions {
     fn default() -> Self {
         let (scheme, max_keypoints, max_image_side, angle_bits) = (None, None, None, None);
-        Self { scheme, max_keypoints, max_image_side, angle_bits, send_gravity: true }
+        let (pack, send) = (None, None);
+        Self { scheme, max_keypoints, max_image_side, angle_bits, send_gravity: true, pack, send }
     }
 }
 
@@ -201,6 +209,15 @@ impl SealOptions {
         if !self.send_gravity {
             options = options.without_gravity();
         }
+        options = match (&self.pack, self.send) {
+            (Some(pack), send) => options.with_place(pack.place.clone(), send.unwrap_or_default()),
+            (None, Some(_)) => {
+                return Err(VeilocException::argument(
+                    "send says what is sent with a pack, but there is none",
+                ));
+            }
+            (None, None) => options,
+        };
         Ok(options.only_balanced())
     }
 }

@@ -15,6 +15,7 @@ use crate::arrays;
 use crate::blocking::abandonable;
 use crate::errors::{BindingError, Result};
 use crate::map::frames_of;
+use crate::pack::Pack;
 use crate::profile::Profile;
 
 /// A client of a localization service. It sends sealed queries and nothing else; a retry sends the same bytes.
@@ -26,9 +27,10 @@ use crate::profile::Profile;
 ///     insecure_http: allow plain HTTP to other machines.
 ///     timeout: most seconds to wait for an answer.
 ///     retries: how many times to retry when the service is busy or the network fails.
-///     cache: folder in which profiles are cached.
+///     cache: folder in which profiles and packs are cached.
 ///     profile_ids: dictionary from names of maps to the ids of their profiles, as their operator publishes them; a map
 ///         with another profile is an error. Default: any profile.
+///     pack_ids: the same for packs.
 ///
 /// Raises:
 ///     ServiceError: the address, the token or the certificates cannot be used.
@@ -51,7 +53,7 @@ fn request(trusted_only: bool, near: Option<&Bound<'_, PyAny>>) -> Result<Locali
 #[pymethods]
 impl Client {
     #[new]
-    #[pyo3(signature = (server, token=None, *, certificates=None, insecure_http=false, timeout=60.0, retries=4, cache=None, profile_ids=None))]
+    #[pyo3(signature = (server, token=None, *, certificates=None, insecure_http=false, timeout=60.0, retries=4, cache=None, profile_ids=None, pack_ids=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
         server: &str,
@@ -62,6 +64,7 @@ impl Client {
         retries: u32,
         cache: Option<PathBuf>,
         profile_ids: Option<BTreeMap<String, String>>,
+        pack_ids: Option<BTreeMap<String, String>>,
     ) -> Result<Self> {
         let mut options = ClientOptions::default();
         options.certificates = certificates;
@@ -74,6 +77,9 @@ impl Client {
         for (map, id) in profile_ids.unwrap_or_default() {
             options.profile_ids.insert(map, id.parse()?);
         }
+        for (map, id) in pack_ids.unwrap_or_default() {
+            options.pack_ids.insert(map, id.parse()?);
+        }
         let client = veiloc_client::Client::new(server, token, options)?;
         Ok(Self { client: Arc::new(client), server: server.to_owned() })
     }
@@ -85,6 +91,17 @@ impl Client {
     fn profile(&self, py: Python<'_>, map: String) -> Result<Profile> {
         let client = Arc::clone(&self.client);
         Ok(Profile(abandonable(py, move || client.profile(&map))??))
+    }
+
+    /// Fetches the pack of a map of the service, for a `Sealer` that sends only what the place knows. It contains the
+    /// profile.
+    ///
+    /// Raises:
+    ///     RefusedError: the operator gives no packs, or the service refused the request.
+    ///     ServiceError: the service cannot be reached, or has another pack than `pack_ids`.
+    fn pack(&self, py: Python<'_>, map: String) -> Result<Pack> {
+        let client = Arc::clone(&self.client);
+        Ok(abandonable(py, move || client.pack(&map))??.into())
     }
 
     /// Localizes a sealed query at the service.

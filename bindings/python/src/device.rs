@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use veiloc_features::{Extractors, Features, Limits};
 use veiloc_obfuscation::{DeviceLimits, audit::obfuscate_points};
 use veiloc_pose::Stop;
-use veiloc_protocol::{AngleBits, Observations, Scheme, SealedQuery};
+use veiloc_protocol::{AngleBits, Observations, QueryContent, Scheme, SealedQuery};
 
 use crate::arrays;
 use crate::blocking::interruptible;
@@ -127,7 +127,9 @@ pub(crate) fn obfuscate<'py>(
     Ok(dict)
 }
 
-/// Reads the header of a sealed query: scheme, rows, bytes, profile, camera size; no keypoints and no descriptors.
+/// Reads the header of a sealed query: scheme, rows, bytes, profile, pack, camera size; no keypoints and no descriptors.
+///
+/// `pack` is the id of the pack in which the query sends matches; None for a query with descriptors.
 ///
 /// Raises:
 ///     QueryError: the bytes are not a sealed query.
@@ -139,6 +141,11 @@ pub(crate) fn describe_query<'py>(py: Python<'py>, query: &[u8]) -> Result<Bound
     dict.set_item("rows", sealed.len())?;
     dict.set_item("bytes", query.len())?;
     dict.set_item("profile", sealed.profile_id().to_string())?;
+    let pack = match sealed.content() {
+        QueryContent::Described { .. } => None,
+        QueryContent::Matched { pack, .. } => Some(pack.to_string()),
+    };
+    dict.set_item("pack", pack)?;
     let camera = sealed.camera();
     dict.set_item("camera_size", (camera.width, camera.height))?;
     Ok(dict)
@@ -151,5 +158,6 @@ pub(crate) fn device_limits(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
     dict.set_item("max_keypoints", limits.max_keypoints)?;
     dict.set_item("max_image_side", limits.max_image_side)?;
     dict.set_item("max_vocabulary_words", limits.max_vocabulary_words)?;
+    dict.set_item("max_pack_rows", limits.max_pack_rows)?;
     Ok(dict)
 }

@@ -24,6 +24,7 @@ mod python {
     pyo3::import_exception!(veiloc.errors, QueryError);
     pyo3::import_exception!(veiloc.errors, WrongProfileError);
     pyo3::import_exception!(veiloc.errors, NotLocalizedError);
+    pyo3::import_exception!(veiloc.errors, NotThisPlaceError);
     pyo3::import_exception!(veiloc.errors, ServiceError);
     pyo3::import_exception!(veiloc.errors, BusyError);
     pyo3::import_exception!(veiloc.errors, RefusedError);
@@ -46,7 +47,7 @@ impl BindingError {
         Self(python::Error::new_err(message.to_string()))
     }
 
-    /// A query, profile or session file cannot be read.
+    /// A query, profile, pack or session file cannot be read.
     pub(crate) fn file(path: &Path, why: impl Display) -> Self {
         Self(python::QueryError::new_err(format!("{}: {why}", path.display())))
     }
@@ -129,6 +130,9 @@ impl From<SealError> for BindingError {
     fn from(error: SealError) -> Self {
         match error {
             error @ SealError::Image(_) => Self::image(error),
+            error @ SealError::NotThisPlace { .. } => {
+                Self(python::NotThisPlaceError::new_err(error.to_string()))
+            }
             error @ (SealError::NotASession
             | SealError::SessionVersion { .. }
             | SealError::SessionDamaged { .. }) => Self::other(error),

@@ -6,7 +6,7 @@
 //! - [`errors`]: the libraries' errors as exceptions. [`arrays`], [`camera`], [`pose`], [`options`]: conversions.
 //! - [`blocking`], [`worker_threads`]: long calls, Ctrl-C, progress.
 //! - [`solvers`], [`estimate`]: poses from correspondences, with PoseLib's calling convention.
-//! - [`images`], [`profile`], [`device`], [`sealer`], [`session`]: the device side.
+//! - [`images`], [`profile`], [`pack`], [`device`], [`sealer`], [`session`]: the device side.
 //! - [`map`], [`build_shares`], [`colmap`], [`answer`]: the server side. [`client`]: HTTP client of a service.
 //! - [`attacks`]: privacy attacks. [`rendered_scene`]: a synthetic scene for experiments. [`program`]: the command
 //!   line.
@@ -26,6 +26,7 @@ mod estimate;
 mod images;
 mod map;
 mod options;
+mod pack;
 mod pose;
 mod posed;
 mod profile;
@@ -57,6 +58,8 @@ mod _native {
     };
     #[pymodule_export]
     use crate::map::Map;
+    #[pymodule_export]
+    use crate::pack::Pack;
     #[pymodule_export]
     use crate::pose::CameraPose;
     #[pymodule_export]

@@ -28,6 +28,7 @@ use crate::camera::dictionary;
 use crate::errors::{BindingError, Result};
 use crate::estimate::position_of;
 use crate::options::pose_options;
+use crate::pack::Pack;
 use crate::pose::CameraPose;
 use crate::posed::{Posed, down_of, matching_of, on_bad, on_other_coordinate_frame, posed_of};
 use crate::profile::Profile;
@@ -535,6 +536,15 @@ impl Map {
     #[getter]
     fn profile(&self) -> Profile {
         Profile(self.file.profile().clone())
+    }
+
+    /// The pack of the map: what its points look like, image by image, without positions. The same map gives the same pack.
+    ///
+    /// Raises:
+    ///     QueryError: the map has no points, or more than a pack can have; give the pack of a region then.
+    fn pack(&self, py: Python<'_>) -> Result<Pack> {
+        let (pack, _) = py.detach(|| self.file.pack())?;
+        Ok(pack.into())
     }
 
     /// Names of the map's images.

@@ -8,7 +8,7 @@ use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use veiloc_features::DisplayTurn;
-use veiloc_obfuscation::{DeviceLimits, KnownCamera, Orientation, SealOptions, device_rng};
+use veiloc_obfuscation::{DeviceLimits, KnownCamera, Orientation, PackUse, SealOptions, device_rng};
 use veiloc_pose::Stop;
 use veiloc_protocol::{AngleBits, CoarseGravity, FocalKnowledge, Scheme};
 
@@ -17,6 +17,7 @@ use crate::blocking::interruptible;
 use crate::camera::camera_of;
 use crate::errors::{BindingError, Result};
 use crate::images::{ImageInput, mask_of};
+use crate::pack::Pack;
 use crate::profile::Profile;
 use crate::session::Session;
 
@@ -33,9 +34,14 @@ use crate::session::Session;
 ///         2048. The next smaller size of the device's list is used.
 ///     angle_bits: bits of each quantized angle.
 ///     send_gravity: False sends no gravity direction.
+///     pack: pack of the map: nothing is sent that the place does not know. Default: all descriptors are sent.
+///     send: what is sent with a pack: `"matches"`, the points that keypoints match in the pack, and no descriptor
+///         (default), or `"explained"`, the descriptors that the pack explains.
 ///
 /// Raises:
-///     QueryError: the profile requests more than this device sends, or the scheme is unknown.
+///     QueryError: the profile requests more than this device sends, the scheme is unknown, or the pack is of another map
+///         or too large.
+///     InputError: `send` is unknown, or given without a pack.
 #[pyclass(frozen, module = "veiloc")]
 pub(crate) struct Sealer(Arc<veiloc_obfuscation::Sealer>);
 
@@ -57,14 +63,18 @@ pub(crate) struct Extracted {
 #[pymethods]
 impl Sealer {
     #[new]
-    #[pyo3(signature = (profile, *, scheme="dcl", max_keypoints=None, max_image_side=None, angle_bits=12, send_gravity=true))]
+    #[pyo3(signature = (profile, *, scheme="dcl", max_keypoints=None, max_image_side=None, angle_bits=12, send_gravity=true, pack=None, send=None))]
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
+        py: Python<'_>,
         profile: &Profile,
         scheme: &str,
         max_keypoints: Option<usize>,
         max_image_side: Option<u32>,
         angle_bits: u8,
         send_gravity: bool,
+        pack: Option<&Pack>,
+        send: Option<&str>,
     ) -> Result<Self> {
         let scheme: Scheme = scheme.parse()?;
         let mut options = match scheme {
@@ -81,6 +91,15 @@ impl Sealer {
         if !send_gravity {
             options = options.without_gravity();
         }
+        let send = send.map(str::parse::<PackUse>).transpose();
+        let send = send.map_err(|e| BindingError::input(format_args!("send: {e}")))?;
+        options = match (pack, send) {
+            (Some(pack), send) => options.with_place(py.detach(|| pack.place())?, send.unwrap_or_default()),
+            (None, Some(_)) => {
+                return Err(BindingError::input("send: it says what is sent with a pack; give pack="));
+            }
+            (None, None) => options,
+        };
         Ok(Self(Arc::new(veiloc_obfuscation::Sealer::new(&profile.0, options)?)))
     }
 
@@ -140,6 +159,7 @@ impl Sealer {
     ///
     /// Raises:
     ///     Error: the image shows too little texture.
+    ///     NotThisPlaceError: hardly anything in the image is of the place of the pack.
     ///     InputError: the features were sealed already.
     fn seal<'py>(&self, py: Python<'py>, extracted: &Extracted) -> Result<Bound<'py, PyBytes>> {
         let features = extracted.take()?;

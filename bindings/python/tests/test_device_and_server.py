@@ -133,6 +133,66 @@ def test_seal_options_masks_and_schemes(rendered):
             sealer.seal(extracted)
 
 
+def test_packs_are_files(rendered, tmp_path):
+    pack = rendered.map.pack()
+    assert pack.profile == rendered.map.profile and pack.images <= len(rendered.map) and pack.points > 300
+    (tmp_path / "room.vpack").write_bytes(bytes(pack))
+    others = [veiloc.Pack.open(tmp_path / "room.vpack"), veiloc.Pack.from_bytes(bytes(pack)), pickle.loads(pickle.dumps(pack))]
+    assert {pack, *others} == {pack} and pack == rendered.map.pack() and len(pack.id) == 32 and pack.id in repr(pack)
+    damaged = bytearray(bytes(pack))
+    damaged[len(damaged) // 2] ^= 1
+    for data in [b"", b"nothing", bytes(pack)[:-1], bytes(damaged), bytes(rendered.map.profile)]:
+        with pytest.raises(veiloc.QueryError):
+            veiloc.Pack.from_bytes(data)
+    with pytest.raises(veiloc.QueryError, match="none.vpack"):
+        veiloc.Pack.open(tmp_path / "none.vpack")
+
+
+def test_pack_of_the_program_is_that_of_the_map(rendered, program, tmp_path):
+    rendered.map.save(tmp_path / "room.vmap")
+    program("map", "pack", tmp_path / "room.vmap", "-o", tmp_path / "room.vpack")
+    assert (tmp_path / "room.vpack").read_bytes() == bytes(rendered.map.pack())
+
+
+def test_queries_sealed_with_a_pack_are_localized(scene):
+    model, pack, found = scene.map, scene.map.pack(), {"matches": 0, "explained": 0}
+    for query in scene.queries:
+        image, truth = scene.images / query, scene.pose(query)
+        all_descriptors = seal(image, scene.camera, pack.profile)
+        assert veiloc.describe_query(all_descriptors)["pack"] is None
+        for send, id in [("matches", pack.id), ("explained", None)]:
+            sealed = seal(image, scene.camera, pack.profile, pack=pack, send=send)
+            assert veiloc.describe_query(sealed)["pack"] == id
+            # No descriptor: a fifth of the bytes of each row at most.
+            rows = [len(q) / veiloc.describe_query(q)["rows"] for q in (sealed, all_descriptors)]
+            assert 5 * rows[0] < rows[1] if id else len(sealed) <= len(all_descriptors)
+            answer = model.localize(sealed)
+            found[send] += answer.trusted and near(answer.pose, truth)
+    assert min(found.values()) >= len(scene.queries) - 1, found
+
+
+def test_device_refuses_other_packs_and_images(rendered):
+    model, camera, image = rendered.map, rendered.camera, rendered.images / rendered.queries[0]
+    pack = model.pack()
+    assert veiloc.describe_query(seal(image, camera, pack.profile, pack=pack))["pack"] == pack.id, "the default"
+    other = model.remove(model.image_names[:2], retrain=True, self_test=False)
+    with pytest.raises(veiloc.QueryError, match="another map"):
+        veiloc.Sealer(other.profile, pack=pack)
+    for options in [{"send": "explained"}, {"send": "matches"}, {"pack": pack, "send": "all"}]:
+        with pytest.raises(veiloc.InputError, match="send"):
+            veiloc.Sealer(pack.profile, **options)
+    # Of a map with other points the server refuses the query.
+    smaller = model.remove(model.image_names[:2], self_test=False)
+    assert smaller.profile == pack.profile and smaller.pack() != pack
+    with pytest.raises(veiloc.WrongProfileError, match="pack"):
+        smaller.localize(seal(image, camera, pack.profile, pack=pack))
+    # Two squares have fewer keypoints than a place must explain.
+    squares = np.full((300, 400), 200, np.uint8)
+    squares[140:160, [*range(140, 160), *range(280, 300)]] = 30
+    with pytest.raises(veiloc.NotThisPlaceError, match="does not show this place"):
+        seal(squares, camera, pack.profile, pack=pack)
+
+
 def test_session_resumes_from_bytes(rendered):
     session, sealer, frames = veiloc.Session(), veiloc.Sealer(rendered.map.profile), []
     for query in rendered.queries[:2]:

@@ -48,7 +48,7 @@ def service(rendered, program_path, tmp_path_factory):
     created = subprocess.run(
         [program_path, "token", "new", "phone", "--tokens", folder / "tokens"], capture_output=True, text=True, check=True
     )
-    service = Service(program_path, folder, rendered.map, "--tokens", str(folder / "tokens"), "--drain-delay", "0")
+    service = Service(program_path, folder, rendered.map, "--packs", "--tokens", str(folder / "tokens"), "--drain-delay", "0")
     service.token = created.stdout.strip()
     yield service
     assert service.stop() == 0, "".join(service.log)
@@ -167,6 +167,31 @@ def test_profiles_are_cached_and_revalidated(rendered, service, tmp_path):
         client = veiloc.Client(service.address, service.token, cache=tmp_path / "cache")
         assert client.profile("room") == rendered.map.profile
     assert any((tmp_path / "cache").rglob("*")), "the cache is empty"
+
+
+def test_packs_are_fetched_cached_and_compared(rendered, service, program_path, tmp_path):
+    own, query = rendered.map.pack(), rendered.queries[0]
+    for _ in range(2):
+        client = veiloc.Client(service.address, service.token, cache=tmp_path / "cache", pack_ids={"room": own.id})
+        pack = client.pack("room")
+        assert pack == own
+    sealed = seal(rendered.images / query, rendered.camera, pack.profile, pack=pack)
+    answer = client.localize("room", sealed)
+    assert_same(answer, rendered.map.localize(sealed))
+    assert answer.trusted and near(answer.pose, rendered.pose(query))
+    answer, steps = client.localize_progressive("room", sealed, pack.profile)
+    assert answer.trusted and steps[-1]["outcome"] == "trusted"
+    with pytest.raises(veiloc.ServiceError, match=own.id):
+        veiloc.Client(service.address, service.token, pack_ids={"room": "0" * 32}).pack("room")
+    with pytest.raises(veiloc.QueryError):
+        veiloc.Client(service.address, pack_ids={"room": "no id"})
+    without = Service(program_path, tmp_path, rendered.map, "--drain-delay", "0")
+    try:
+        with pytest.raises(veiloc.RefusedError) as refused:
+            veiloc.Client(without.address).pack("room")
+        assert refused.value.status == 404
+    finally:
+        assert without.stop() == 0
 
 
 WAITING = """

@@ -54,6 +54,13 @@ export class Client {
     return new Uint8Array(await reply.arrayBuffer());
   }
 
+  /** The current pack of a map, for `device.sealer`. */
+  async pack(map) {
+    const reply = await this.#fetch(this.#resource(map, "pack"), {});
+    check(reply, QUERY);
+    return new Uint8Array(await reply.arrayBuffer());
+  }
+
   /** Localizes a sealed query, given as its bytes or as the result of `sealer.seal`. */
   async localize(map, query, options = {}) {
     if (query.unbalanced) throw new VeilocError("unbalanced", query.unbalanced);

@@ -46,6 +46,15 @@ export interface SealOptions {
   maxImageSide?: number;
   /** Whether `down` of an attitude is sent; default true. */
   sendGravity?: boolean;
+  /**
+   * The pack of the map (`Client.pack`): nothing is sent that the place does not know. Default: all descriptors are sent. It is prepared
+   * for each sealer, about a millisecond per thousand rows.
+   */
+  pack?: Uint8Array;
+  /** Identifier of the pack as the operator publishes it; another pack is refused (`other-pack`). Default: any. */
+  packId?: string;
+  /** What is sent with a pack: `matches`, the points that keypoints match in it, and no descriptor (default), or `explained`, the descriptors that it explains. */
+  send?: "matches" | "explained";
 }
 
 /** What is known about an image beside its camera. */
@@ -72,7 +81,7 @@ export interface Device {
   readonly descriptor: string;
   readonly maxKeypoints: number;
   readonly maxImageSide: number;
-  /** A sealer: it seals images with these options, which the device decides. Most apps need one. Throws `VeilocError` `option`, `seal`. */
+  /** A sealer: it seals images with these options, which the device decides. Most apps need one. Throws `VeilocError` `option`, `pack`, `other-pack`, `seal`. */
   sealer(options?: SealOptions): Promise<Sealer>;
   /**
    * Starts a session, or resumes one from its bytes. Use one session for several images of one scene.
@@ -96,7 +105,7 @@ export interface Sealer {
   /**
    * Seals the features of an image, once: a second call throws `gone`. When the network fails, send the same bytes again.
    *
-   * Throws `VeilocError`: `texture`; in a session `too-many-starts` (without an orientation, another image of this scene would reveal
+   * Throws `VeilocError`: `texture`; with a pack `not-this-place` (the image does not show the place); in a session `too-many-starts` (without an orientation, another image of this scene would reveal
    * too much) and `turned-away` (the camera has turned away from the session's anchors).
    */
   seal(extracted: Extracted): Promise<Sealed>;
@@ -162,7 +171,7 @@ export interface QueryView {
   segments: Float32Array;
   /** `[K, 2]`: keypoints found, in the original image. */
   keypoints: Float32Array;
-  /** `[R, 2]`: keypoints sent, in the camera of the query. */
+  /** `[R, 2]`: keypoints sent, in the camera of the query. Empty for a query that sends matches: its rows do not tell their keypoints. */
   hidden: Float32Array;
 }
 
@@ -174,6 +183,7 @@ export interface AttackResult {
   trueNeighbours: boolean;
   width: number;
   height: number;
+  /** Keypoints attacked; 0 for a query that sends matches, whose rows do not tell their keypoints. */
   count: number;
   /** Median error, pixels of the query's camera. */
   medianPx: number | null;
@@ -213,6 +223,8 @@ export class Client {
   constructor(server: string | URL, options?: ClientOptions);
   maps(): Promise<MapEntry[]>;
   profile(map: string): Promise<Uint8Array>;
+  /** The pack of a map, for `SealOptions.pack`. Throws `VeilocError` `refused` where the operator gives no packs. */
+  pack(map: string): Promise<Uint8Array>;
   localize(map: string, query: Uint8Array | Sealed, options?: LocalizeOptions): Promise<Answer>;
   /** Localizes in steps, and stops at the first trusted pose whose `position_sd` is at most `accurateTo` (map units). */
   localizeProgressive(
@@ -275,9 +287,10 @@ export interface Answer {
 }
 
 /**
- * An error. `kind`: `image`, `texture` (too little of it: take another image), `camera`, `option`, `profile`, `seal`, `unbalanced`,
- * `too-many-starts`, `turned-away`, `session`, `query`, `gone`, `attack`, `worker`, `broken`, `closed` from the device; `address`,
- * `token`, `map-name`, `network`, `busy`, `refused`, `not-localized`, `wrong-profile`, `bad-answer` from the client.
+ * An error. `kind`: `image`, `texture` (too little of it: take another image), `not-this-place` (the image does not show the place of
+ * the pack), `camera`, `option`, `profile`, `pack`, `other-profile`, `other-pack`, `seal`, `unbalanced`, `too-many-starts`,
+ * `turned-away`, `session`, `query`, `gone`, `attack`, `worker`, `broken`, `closed` from the device; `address`, `token`, `map-name`,
+ * `network`, `busy`, `refused`, `not-localized`, `wrong-profile`, `bad-answer` from the client.
  */
 export class VeilocError extends Error {
   kind: string;

@@ -133,10 +133,20 @@ class Device {
     Object.assign(this, facts);
   }
 
-  /** A sealer: it seals images with these options. Most apps need one. */
+  /**
+   * A sealer: it seals images with these options. Most apps need one. Throws `VeilocError` `other-pack` when `packId` is given and the
+   * pack has another identifier.
+   */
   async sealer(options = {}) {
-    const { head } = await this.#connection.request("call", { head: { op: "sealer", profile: this.#profile, ...options } });
-    return new Sealer(this.#connection, this.#attacks, head.sealer);
+    const { pack, packId, ...rest } = options;
+    const given = pack === undefined ? {} : { pack: true };
+    const { head } = await this.#connection.request("call", { head: { op: "sealer", profile: this.#profile, ...rest, ...given }, bytes: pack });
+    const sealer = new Sealer(this.#connection, this.#attacks, head.sealer);
+    if (packId && packId.toLowerCase() !== head.pack) {
+      await sealer.free();
+      throw new VeilocError("other-pack", `the pack is ${head.pack}, not ${packId}; compare it with the id that the operator publishes`);
+    }
+    return sealer;
   }
 
   /**

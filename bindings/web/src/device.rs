@@ -42,6 +42,8 @@ struct ProfileReply {
 #[derive(Serialize)]
 struct SealerReply {
     sealer: u32,
+    /// Id of its pack.
+    pack: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -76,10 +78,12 @@ impl Device {
             }
             Request::Exif { width, height } => Ok(sealing::exif(bytes, (width, height))),
             Request::Sealer(request) => {
-                let sealer = sealing::sealer(&request, lookup(&self.profiles, "profile", request.profile)?)?;
+                let profile = lookup(&self.profiles, "profile", request.profile)?;
+                let sealer = sealing::sealer(&request, bytes, profile)?;
+                let pack = sealer.place().map(|place| place.pack().id().to_string());
                 let handle = self.next();
                 self.sealers.insert(handle, Rc::new(sealer));
-                Ok(message::write(&SealerReply { sealer: handle }, &[]))
+                Ok(message::write(&SealerReply { sealer: handle, pack }, &[]))
             }
             Request::Extract(request) => {
                 let sealer = lookup(&self.sealers, "sealer", request.sealer)?;

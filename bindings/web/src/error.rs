@@ -25,6 +25,9 @@ pub enum WebError {
     /// The bytes are not a profile.
     #[error("these bytes are not a profile: {0}")]
     Profile(QueryError),
+    /// The bytes are not a pack.
+    #[error("these bytes are not a pack: {0}")]
+    Pack(QueryError),
     /// The camera is invalid.
     #[error("camera {text:?}: {reason}")]
     Camera {
@@ -62,6 +65,7 @@ impl WebError {
             Self::Request { .. } => "call",
             Self::UnknownHandle { .. } => "gone",
             Self::Profile(_) => "profile",
+            Self::Pack(_) => "pack",
             Self::Camera { .. } => "camera",
             Self::Option { .. } | Self::Anchors(_) => "option",
             Self::Seal(error) => error.kind().name(),

@@ -28,7 +28,7 @@ pub enum Request {
         /// Rows.
         height: u32,
     },
-    /// Makes a sealer.
+    /// Makes a sealer [the bytes of the pack, where it has one].
     Sealer(Sealer),
     /// Extracts the features of an image [red, green, blue, alpha of each pixel].
     Extract(Box<Extract>),
@@ -95,6 +95,12 @@ pub struct Sealer {
     /// Whether `down` of an image is sent; `None` for yes.
     #[serde(default)]
     pub send_gravity: Option<bool>,
+    /// Whether the payload is a pack: nothing is sent that the place does not know.
+    #[serde(default)]
+    pub pack: bool,
+    /// What is sent with a pack, `matches` or `explained`; `None` for matches.
+    #[serde(default)]
+    pub send: Option<String>,
 }
 
 /// An image, its camera, and its orientation.

@@ -9,10 +9,11 @@ use serde::Serialize;
 use veiloc_features::{Features, GrayImage, Image, exif_camera_of, guessed_camera_of};
 use veiloc_geometry::{Intrinsics, IntrinsicsError, Pixel};
 use veiloc_obfuscation::{
-    DeviceLimits, Extracted, KnownCamera, Orientation, SealError, SealOptions, Sealer, Session,
+    DeviceLimits, Extracted, KnownCamera, KnownPlace, Orientation, PackUse, SealError, SealOptions, Sealer,
+    Session,
 };
 use veiloc_protocol::{
-    AngleBits, CoarseGravity, FocalKnowledge, Profile, QueryError, SealedQuery, SizeClass,
+    AngleBits, CoarseGravity, FocalKnowledge, Pack, Profile, QueryError, SealedQuery, SizeClass,
 };
 
 use crate::error::WebError;
@@ -84,12 +85,23 @@ pub fn exif(file: &[u8], size: (u32, u32)) -> Vec<u8> {
     message::write(&ExifReply { exif: camera.is_some(), camera }, &[])
 }
 
-/// A device that seals for a map.
+/// A device that seals for a map. `pack`: its bytes, read where the request says that there is one.
 ///
 /// # Errors
 /// [`WebError`].
-pub fn sealer(request: &request::Sealer, profile: &Profile) -> Result<Sealer, WebError> {
-    Ok(Sealer::new(profile, options(request)?)?)
+pub fn sealer(request: &request::Sealer, pack: &[u8], profile: &Profile) -> Result<Sealer, WebError> {
+    let send = request.send.as_deref().map(str::parse::<PackUse>).transpose();
+    let wrong = |reason: String| WebError::Option { name: "send", reason };
+    let send = send.map_err(|e| wrong(e.to_string()))?;
+    let options = match (request.pack, send) {
+        (true, send) => {
+            let place = KnownPlace::new(Pack::decode(pack).map_err(WebError::Pack)?)?;
+            options(request)?.with_place(place, send.unwrap_or_default())
+        }
+        (false, Some(_)) => return Err(wrong("it says what is sent with a pack; give the pack".to_owned())),
+        (false, None) => options(request)?,
+    };
+    Ok(Sealer::new(profile, options)?)
 }
 
 /// Extracts the features of an image of red, green, blue and alpha bytes.
@@ -229,7 +241,8 @@ fn orientation(request: &request::Extract) -> Result<Orientation, WebError> {
 }
 
 /// The keypoint of each row. The query holds the descriptors unchanged, so they identify the row's keypoint; the
-/// feature `ground-truth`, which device programs are built without, is not needed.
+/// feature `ground-truth`, which device programs are built without, is not needed. A match query has no descriptors, so
+/// its rows are not known.
 fn keypoints_of_rows(query: &SealedQuery, known: Features, camera: &Intrinsics) -> Vec<Option<Pixel>> {
     let descriptors = known.descriptors.as_decoded();
     let mut pixel_of: BTreeMap<&[u8], Pixel> = BTreeMap::new();
@@ -239,6 +252,6 @@ fn keypoints_of_rows(query: &SealedQuery, known: Features, camera: &Intrinsics) 
             pixel_of.entry(descriptors.row(i)).or_insert_with(|| pinhole.project(point));
         }
     }
-    let rows = query.descriptors();
+    let Some(rows) = query.descriptors() else { return vec![None; query.len()] };
     (0..query.len()).map(|row| pixel_of.get(rows.row(row)).copied()).collect()
 }

@@ -7,8 +7,8 @@ use serde_json::{Value, json};
 use veiloc_descriptor::{DescriptorKind, Descriptors, Vocabulary};
 use veiloc_features::{GrayImage, Image};
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{SealOptions, Sealer};
-use veiloc_protocol::{CoarseGravity, Profile, SealedQuery};
+use veiloc_obfuscation::{Extracted, KnownPlace, PackUse, SealOptions, Sealer};
+use veiloc_protocol::{CoarseGravity, Pack, Profile, SealedQuery};
 use veiloc_web::device::Device;
 use veiloc_web::exports::reply;
 use veiloc_web::inspection::ATTACKS;
@@ -53,6 +53,8 @@ fn device_and_profile() -> (Device, Value) {
 struct Calls {
     profile: Value,
     options: Value,
+    /// Bytes of a pack; nothing for none.
+    pack: Vec<u8>,
     image: Value,
     session: Value,
     seed: [u8; 32],
@@ -61,7 +63,7 @@ struct Calls {
 impl Calls {
     fn of(profile: Value) -> Self {
         let image = json!({"width": 320, "height": 240, "camera": CAMERA});
-        Self { profile, options: json!({}), image, session: Value::Null, seed: SEED }
+        Self { profile, options: json!({}), pack: Vec::new(), image, session: Value::Null, seed: SEED }
     }
 
     /// Makes a sealer, extracts and seals; the reply of the last call, or of the first that fails.
@@ -69,7 +71,7 @@ impl Calls {
         let (sealer, none) = call(
             device,
             &with(&self.options, &[("op", json!("sealer")), ("profile", self.profile.clone())]),
-            &[],
+            &[&self.pack],
         );
         if !sealer["error"].is_null() {
             return (sealer, none);
@@ -98,18 +100,74 @@ fn with(head: &Value, fields: &[(&str, Value)]) -> Value {
     head
 }
 
+/// What the library extracts of the image.
+fn extracted(sealer: &Sealer) -> Extracted {
+    let rgb: Vec<u8> = pixels().chunks(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+    let image = Image::from(GrayImage::from_rgb8(320, 240, &rgb).expect("an image"));
+    let camera: Intrinsics = CAMERA.parse().expect("a camera");
+    sealer.extract(image, camera).expect("features")
+}
+
+/// A place of which this image is known, each keypoint a point.
+fn pack() -> Pack {
+    let sealer = Sealer::new(&profile(), SealOptions::default()).expect("its profile");
+    let rows = extracted(&sealer).features().descriptors.clone();
+    let points = rows.len() as u32;
+    Pack::new(profile(), points, [((0..points).collect(), rows)]).expect("a pack")
+}
+
+#[test]
+fn with_a_pack_the_library_s_matches_are_sent() {
+    let (mut device, profile_handle) = device_and_profile();
+    let (pack, pixels) = (pack(), pixels());
+    let place = KnownPlace::new(pack.clone()).expect("SIFT");
+    let calls = Calls { pack: pack.encode(), ..Calls::of(profile_handle) };
+    for (send, usage) in [
+        (json!(null), PackUse::Matches),
+        (json!("matches"), PackUse::Matches),
+        (json!("explained"), PackUse::Explained),
+    ] {
+        let calls = Calls { options: json!({"pack": true, "send": send}), ..calls.clone() };
+        let (head, bytes) = calls.seal(&mut device, &pixels);
+        let options = SealOptions::default().with_place(place.clone(), usage);
+        let sealer = Sealer::new(&profile(), options).expect("its profile");
+        let query = sealer.seal(extracted(&sealer), &mut ChaCha20Rng::from_seed(SEED)).expect("sealed");
+        assert!(query.encode() == bytes, "{head}");
+        assert_eq!(query.descriptors().is_some(), usage == PackUse::Explained);
+        // The device shows the lines; rows without descriptors do not tell their keypoints.
+        let (shown, _) = call(&mut device, &json!({"op": "show", "query": head["query"]}), &[]);
+        assert!(shown["segments"].as_u64() >= Some(query.len() as u64));
+        assert_eq!(shown["real"].as_u64() == Some(0), usage == PackUse::Matches, "{shown}");
+        let (exhibited, exhibit) = call(&mut device, &json!({"op": "exhibit", "query": head["query"]}), &[]);
+        let attack = json!({"op": "attack", "attack": "prior", "queryBytes": exhibited["queryBytes"]});
+        assert_eq!(call(&mut device, &attack, &[&exhibit]).0["count"], shown["real"]);
+    }
+    // Without the word no payload is read as a pack, and without a pack there is no word for what is sent.
+    let given = |options: Value, bytes: &[u8]| Calls { options, pack: bytes.to_vec(), ..calls.clone() };
+    let bytes = pack.encode();
+    for (calls, kind) in [
+        (given(json!({"pack": true}), &[]), "pack"),
+        (given(json!({"pack": true}), &bytes[1..]), "pack"),
+        (given(json!({"pack": true, "send": "all"}), &bytes), "option"),
+        (given(json!({"send": "matches"}), &[]), "option"),
+    ] {
+        assert_eq!(calls.seal(&mut device, &pixels).0["kind"], kind);
+    }
+    let noise: Vec<u8> =
+        (0..pixels.len() as u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+    let elsewhere = given(json!({"pack": true}), &bytes).seal(&mut device, &noise).0;
+    assert_eq!(elsewhere["kind"], "not-this-place", "{elsewhere}");
+}
+
 #[test]
 fn seals_equal_those_of_the_library() {
     let (mut device, profile_handle) = device_and_profile();
     let pixels = pixels();
     let (head, bytes) = Calls::of(profile_handle).seal(&mut device, &pixels);
 
-    let rgb: Vec<u8> = pixels.chunks(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
-    let image = Image::from(GrayImage::from_rgb8(320, 240, &rgb).expect("an image"));
-    let (profile, camera): (_, Intrinsics) = (profile(), CAMERA.parse().expect("a camera"));
+    let profile = profile();
     let sealer = Sealer::new(&profile, SealOptions::default()).expect("its profile");
-    let extracted = sealer.extract(image, camera).expect("features");
-    let query = sealer.seal(extracted, &mut ChaCha20Rng::from_seed(SEED)).expect("sealed");
+    let query = sealer.seal(extracted(&sealer), &mut ChaCha20Rng::from_seed(SEED)).expect("sealed");
     assert!(query.encode() == bytes, "{head}");
     assert_eq!(head["rows"], query.len());
     assert!(query.len() >= 512, "too little texture for this test");

@@ -15,10 +15,10 @@ pub use veiloc_features::{
     SharedGlobal, Sift, SiftOptions, load_gray, load_mask,
 };
 pub use veiloc_obfuscation::{
-    DeviceLimits, Extracted, KnownCamera, Orientation, SealError, SealOptions, Sealer, Session,
-    SessionAnchors, SessionOptions, SessionSealer, device_rng,
+    DeviceLimits, ExplainedRow, Extracted, KnownCamera, KnownPlace, Orientation, PackUse, SealError,
+    SealErrorKind, SealOptions, Sealer, Session, SessionAnchors, SessionOptions, SessionSealer, device_rng,
 };
 pub use veiloc_protocol::{
-    Answer, AnswerDocument, AnswerPose, CoarseGravity, FocalKnowledge, PositionHint, Profile, QueryError,
-    Scheme, SealedQuery,
+    Answer, AnswerDocument, AnswerPose, CoarseGravity, FocalKnowledge, Pack, PositionHint, Profile,
+    QueryError, Scheme, SealedQuery,
 };

@@ -17,7 +17,9 @@
 //! # Device and server side in one program
 //! On a rendered scene; all later steps are the same for real images.
 //! ```
-//! use veiloc::device::{DeviceLimits, Image, SealOptions, SealedQuery, Sealer, device_rng};
+//! use veiloc::device::{
+//!     DeviceLimits, Image, KnownPlace, PackUse, SealOptions, SealedQuery, Sealer, device_rng,
+//! };
 //! use veiloc::geometry::{CameraFromWorld, Intrinsics};
 //! use veiloc::server::{
 //!     BuildOptions, FinishOptions, GravityDirection, Input, LocalizeOptions, MapFile, PosedImage, PosedImages, build,
@@ -32,7 +34,8 @@
 //! let mapped: Vec<(String, CameraFromWorld)> = /* names and poses of the map's images */
 //! #     path.mapping[..10].iter().enumerate().map(|(i, pose)| (format!("map-{i}.png"), *pose)).collect();
 //! let (query, truth) = ("query.png", path.queries[0]);
-//! # for (seed, (name, pose)) in (1..).zip(mapped.iter().map(|(n, p)| (n.as_str(), p)).chain([(query, &truth)])) {
+//! # let queries = [(query, &truth), ("other.png", &path.queries[1])];
+//! # for (seed, (name, pose)) in (1..).zip(mapped.iter().map(|(n, p)| (n.as_str(), p)).chain(queries)) {
 //! #     place.render(pose, &camera, &RenderOptions::with_seed(seed)).rgb().save(folder.path().join(name))?;
 //! # }
 //!
@@ -56,6 +59,15 @@
 //! let found = localize(&SealedQuery::decode(&bytes)?, &map, &LocalizeOptions::default())?;
 //! assert!(found.confidence.is_trusted());
 //! assert!(found.cam_from_world.translation_error(&truth) < 0.05);
+//!
+//! // A device that has the map's pack sends the points that it matches, and no descriptor.
+//! let (pack, _) = map.pack()?;
+//! let options = SealOptions::default().with_place(KnownPlace::new(pack)?, PackUse::Matches);
+//! let sealer = Sealer::new(map.profile(), options)?;
+//! let extracted = sealer.extract(Image::open(&folder.path().join("other.png"))?, camera)?;
+//! let query = sealer.seal(extracted, &mut device_rng()?)?;
+//! assert!(query.descriptors().is_none() && query.encode().len() < bytes.len());
+//! assert!(localize(&query, &map, &LocalizeOptions::default())?.confidence.is_trusted());
 //! # let _: DeviceLimits;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

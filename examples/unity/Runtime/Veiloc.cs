@@ -9,7 +9,7 @@ using System.Text;
 namespace Veiloc
 {
     /// <summary>What an app does about an error: see veiloc.h.</summary>
-    public enum Status { Ok, Argument, Profile, Image, Texture, Unbalanced, Session, TooManyStarts, TurnedAway, Seal, Answer, NotAligned, Internal, Cancelled }
+    public enum Status { Ok, Argument, Profile, Image, Texture, Unbalanced, Session, TooManyStarts, TurnedAway, Seal, Answer, NotAligned, Internal, Cancelled, Pack, NotThisPlace }
 
     /// <summary>Axes and units of a framework.</summary>
     public enum Axes : uint { OpenGl, Unity, Unreal, Colmap }
@@ -18,6 +18,9 @@ namespace Veiloc
     public enum PixelFormat : uint { Gray, Rgba, Bgra }
 
     public enum Focal : uint { Calibrated, Exif, Unknown }
+
+    /// <summary>What is sent with a pack: the points that keypoints match in it, and no descriptor; or the descriptors that it explains.</summary>
+    public enum PackUse : uint { Matches, Explained }
 
     public enum AlignmentState { Searching, Tentative, Aligned }
 
@@ -173,6 +176,8 @@ namespace Veiloc
             internal IntPtr Scheme;
             internal uint MaxKeypoints, MaxImageSide, AngleBits;
             [MarshalAs(UnmanagedType.U1)] internal bool WithoutGravity;
+            internal IntPtr Pack;
+            internal uint Send;
         }
 
         [DllImport(Library)] internal static extern IntPtr veiloc_last_error();
@@ -181,6 +186,10 @@ namespace Veiloc
         [DllImport(Library)] internal static extern Status veiloc_profile_new(byte[] bytes, UIntPtr length, out IntPtr handle);
         [DllImport(Library)] internal static extern IntPtr veiloc_profile_id(IntPtr profile);
         [DllImport(Library)] internal static extern void veiloc_profile_free(IntPtr profile);
+        [DllImport(Library)] internal static extern Status veiloc_pack_new(byte[] bytes, UIntPtr length, out IntPtr handle);
+        [DllImport(Library)] internal static extern IntPtr veiloc_pack_id(IntPtr pack);
+        [DllImport(Library)] internal static extern Status veiloc_pack_profile(IntPtr pack, out IntPtr handle);
+        [DllImport(Library)] internal static extern void veiloc_pack_free(IntPtr pack);
         [DllImport(Library)] internal static extern Status veiloc_session_new(byte[] anchors, out IntPtr handle);
         [DllImport(Library)] internal static extern Status veiloc_session_from_bytes(byte[] bytes, UIntPtr length, out IntPtr handle);
         [DllImport(Library)] internal static extern Status veiloc_session_to_bytes(IntPtr session, out Bytes bytes);
@@ -322,7 +331,7 @@ namespace Veiloc
     /// <summary>What a device needs to seal for a map: GET /v1/maps/{map}/profile.</summary>
     public class Profile : Handle
     {
-        Profile(IntPtr handle) : base(handle) { }
+        internal Profile(IntPtr handle) : base(handle) { }
 
         public static Profile Read(byte[] bytes)
         {
@@ -334,6 +343,34 @@ namespace Veiloc
         public string Id { get { return Native.Text(Native.veiloc_profile_id(Value)); } }
 
         internal override void Free(IntPtr handle) { Native.veiloc_profile_free(handle); }
+    }
+
+    /// <summary>What a place looks like, without where: GET /v1/maps/{map}/pack. With it a sealer sends only what the place knows.</summary>
+    public class Pack : Handle
+    {
+        Pack(IntPtr handle) : base(handle) { }
+
+        /// <summary>Prepares the pack, which takes about a millisecond per thousand rows: call it on a thread of its own, once. Several
+        /// sealers may share it.</summary>
+        public static Pack Read(byte[] bytes)
+        {
+            IntPtr handle;
+            Native.Check(Native.veiloc_pack_new(bytes, (UIntPtr)bytes.Length, out handle));
+            return new Pack(handle);
+        }
+
+        public string Id { get { return Native.Text(Native.veiloc_pack_id(Value)); } }
+
+        /// <summary>The profile of the map, which a pack contains.</summary>
+        public Profile ToProfile()
+        {
+            IntPtr handle;
+            Native.Check(Native.veiloc_pack_profile(Value, out handle));
+            GC.KeepAlive(this);
+            return new Profile(handle);
+        }
+
+        internal override void Free(IntPtr handle) { Native.veiloc_pack_free(handle); }
     }
 
     /// <summary>Frames of one place.</summary>
@@ -398,12 +435,16 @@ namespace Veiloc
 
         /// <summary>Checks what the profile asks for.</summary>
         /// <param name="sendGravity">Whether the direction of gravity is sent, rounded to about a degree, where the pose is known.</param>
-        public static Sealer For(Profile profile, bool sendGravity = true)
+        /// <param name="pack">The pack of the map: nothing is sent that the place does not know, and Seal throws NotThisPlace for a frame
+        /// of another place. Null: all descriptors are sent.</param>
+        /// <param name="send">What is sent with a pack.</param>
+        public static Sealer For(Profile profile, bool sendGravity = true, Pack pack = null, PackUse send = PackUse.Matches)
         {
             IntPtr handle;
-            var options = new Native.Options { WithoutGravity = !sendGravity };
+            var options = new Native.Options { WithoutGravity = !sendGravity, Pack = Native.ValueOf(pack), Send = (uint)send };
             Native.Check(Native.veiloc_sealer_new(profile.Value, ref options, out handle));
             GC.KeepAlive(profile);
+            GC.KeepAlive(pack);
             return new Sealer(handle);
         }
 

@@ -57,6 +57,7 @@ static class Program
                 if (count == 0)
                 {
                     Border(profile, sealer, pixels, layout, camera);
+                    Packs(arguments[1], pixels, layout, camera);
                     Cancelled(sealer, pixels, layout, camera);
                 }
                 count++;
@@ -89,6 +90,35 @@ static class Program
         Bursts(profile, pixels, layout, camera, pose);
         using (var alignment = Alignment.Begin()) Throws(Status.NotAligned, "no answer", () => alignment.WorldFromAnchor(pose));
         profile.Id.ToString();
+    }
+
+    // The first frame sealed with the pack: equal to the reference, or refused where the frame does not show the place.
+    static void Packs(string folder, byte[] pixels, FrameLayout layout, Camera camera)
+    {
+        var bytes = File.ReadAllBytes(Path.Combine(folder, "pack"));
+        var expected = File.ReadAllBytes(Path.Combine(folder, "matched"));
+        Throws(Status.Pack, "a damaged pack", () => Pack.Read(bytes.Take(bytes.Length - 1).ToArray()));
+        using (var pack = Pack.Read(bytes))
+        using (var profile = pack.ToProfile())
+        {
+            Expect(pack.Id.Length == 32 && profile.Id.Length == 32, "ids");
+            Throws(Status.Argument, "explained without a pack", () => Sealer.For(profile, send: PackUse.Explained));
+            using (var sealer = Sealer.For(profile, pack: pack))
+            using (var extracted = sealer.Extract(pixels, layout, camera))
+            {
+                if (expected.Length == 0) Throws(Status.NotThisPlace, "another place", () => sealer.SealSeeded(extracted, new byte[32]));
+                else using (var query = sealer.SealSeeded(extracted, new byte[32])) Expect(query.Bytes().SequenceEqual(expected), "matches");
+                // Two squares have fewer keypoints than a place must explain.
+                var squares = new byte[layout.Width * layout.Height];
+                for (uint i = 0; i < squares.Length; i++)
+                {
+                    uint column = i % layout.Width / 20, row = i / layout.Width / 20;
+                    squares[i] = (byte)(row == 7 && (column == 7 || column == 14) ? 30 : 200);
+                }
+                var gray = new FrameLayout { Width = layout.Width, Height = layout.Height };
+                Throws(Status.NotThisPlace, "two squares", () => sealer.Seal(sealer.Extract(squares, gray, camera)));
+            }
+        }
     }
 
     // The newest frame is the rig, a black one is left out, and a burst without texture leaves the session.

@@ -142,6 +142,67 @@ static void errors(const VeilocProfile *profile, const VeilocSealer *sealer, con
   free(flat);
 }
 
+/*
+ * The first frame sealed with the pack: equal to the reference, or refused where the frame does not show the place. The pack may be
+ * freed before the sealer.
+ */
+static void packs(const char *folder, const VeilocFrame *frame, const VeilocCamera *camera) {
+  size_t length, expected_length;
+  uint8_t *bytes = read_file(folder, "pack", &length), *expected = read_file(folder, "matched", &expected_length);
+  VeilocPack *pack = NULL;
+  VeilocProfile *profile = NULL;
+  VeilocSealer *sealer, *none = NULL;
+  VeilocExtracted *extracted = NULL;
+  VeilocQuery *query = NULL;
+  VeilocOptions options = {0};
+  VeilocBytes sealed;
+  VeilocStatus status;
+  const uint8_t seed[32] = {0};
+  VeilocFrame squares = *frame;
+  uint8_t *gray = malloc((size_t)frame->width * frame->height);
+  expect(veiloc_pack_new(bytes, length - 1, &pack) == VEILOC_STATUS_PACK && !pack, "a damaged pack");
+  expect(veiloc_pack_new(NULL, 5, &pack) == VEILOC_STATUS_ARGUMENT && !pack, "null bytes");
+  expect(veiloc_pack_new(bytes, length, &pack) == VEILOC_STATUS_OK, "a pack");
+  expect(veiloc_pack_profile(NULL, &profile) == VEILOC_STATUS_ARGUMENT && !profile, "the profile of no pack");
+  expect(veiloc_pack_profile(pack, &profile) == VEILOC_STATUS_OK, "its profile");
+  expect(strlen(veiloc_pack_id(pack)) == 32 && !veiloc_pack_id(NULL) && strlen(veiloc_profile_id(profile)) == 32, "ids");
+  options.send = VEILOC_PACK_USE_EXPLAINED;
+  expect(veiloc_sealer_new(profile, &options, &none) == VEILOC_STATUS_ARGUMENT && !none, "explained without a pack");
+  options.pack = pack;
+  options.send = 7;
+  expect(veiloc_sealer_new(profile, &options, &none) == VEILOC_STATUS_ARGUMENT && !none, "a send");
+  options.send = VEILOC_PACK_USE_MATCHES;
+  sealer = sealer_of(profile, &options);
+  veiloc_pack_free(pack);
+  veiloc_pack_free(NULL);
+  veiloc_profile_free(profile);
+  expect(veiloc_sealer_extract(sealer, frame, camera, 0, NULL, NULL, &extracted) == VEILOC_STATUS_OK, "extracts");
+  status = veiloc_sealer_seal_seeded(sealer, NULL, extracted, seed, &query);
+  veiloc_extracted_free(extracted);
+  if (expected_length == 0) {
+    expect(status == VEILOC_STATUS_NOT_THIS_PLACE && !query, "a frame of another place");
+  } else {
+    expect(status == VEILOC_STATUS_OK && veiloc_query_bytes(query, 0, &sealed) == VEILOC_STATUS_OK, "seals with the pack");
+    expect(sealed.length == expected_length && memcmp(sealed.data, expected, expected_length) == 0, "matches as the reference");
+    veiloc_bytes_free(sealed);
+  }
+  veiloc_query_free(query);
+  query = NULL;
+  /* Two squares have fewer keypoints than a place must explain. */
+  squares.bytes = gray;
+  squares.length = (size_t)frame->width * frame->height;
+  squares.format = VEILOC_PIXEL_FORMAT_GRAY;
+  for (size_t i = 0; i < squares.length; i++) {
+    size_t column = i % frame->width / 20, row = i / frame->width / 20;
+    gray[i] = row == 7 && (column == 7 || column == 14) ? 30 : 200;
+  }
+  expect(seal(sealer, NULL, &squares, camera, 0, NULL, NULL, &query) == VEILOC_STATUS_NOT_THIS_PLACE && !query, "two squares");
+  veiloc_sealer_free(sealer);
+  free(gray);
+  free(bytes);
+  free(expected);
+}
+
 /* Another thread cancels while frames are sealed. */
 static void *cancel(void *cancellation) {
   veiloc_cancel(cancellation);
@@ -377,6 +438,7 @@ int main(int argc, char **argv) {
     compare(sealer, &frame, &camera, number, expected, expected_length);
     if (count == 0) {
       errors(profile, sealer, &frame, &camera);
+      packs(argv[2], &frame, &camera);
       sessions(sealer, &frame, &camera);
       bursts(profile, &frame, &camera);
       cancelled(sealer, &frame, &camera);

@@ -17,6 +17,22 @@ static veiloc::Bytes read(const std::string &path) {
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
+// The first frame sealed with the pack: equal to the reference, or refused where the frame does not show the place.
+static void packs(const std::string &folder, const VeilocFrame &frame, const VeilocCamera &camera) {
+  const auto pack = veiloc::pack(read(folder + "/pack")), other = veiloc::pack(read(folder + "/pack"));
+  const auto expected = read(folder + "/matched");
+  VeilocOptions options{};
+  options.pack = pack.get();
+  const auto sealer = veiloc::sealer(veiloc::profile(other), &options);
+  const auto extracted = veiloc::extract(sealer, frame, &camera);
+  const uint8_t seed[32] = {};
+  VeilocQuery *handle = nullptr;
+  const auto status = veiloc_sealer_seal_seeded(sealer.get(), nullptr, extracted.get(), seed, &handle);
+  const veiloc::Query query(handle);
+  if (expected.empty() ? status != VEILOC_STATUS_NOT_THIS_PLACE : status != VEILOC_STATUS_OK || veiloc::bytes(query) != expected)
+    throw std::runtime_error("the first frame differs with the pack");
+}
+
 static int run(const std::string &profile_path, const std::string &folder, int repeat) {
   const auto profile = veiloc::profile(read(profile_path));
   const auto known = read(folder + "/answer");
@@ -39,6 +55,7 @@ static int run(const std::string &profile_path, const std::string &folder, int r
     frame.format = VEILOC_PIXEL_FORMAT_RGBA;
     frame.width = camera.width;
     frame.height = camera.height;
+    if (count == 0) packs(folder, frame, camera);
     uint8_t seed[32];
     std::fill(std::begin(seed), std::end(seed), uint8_t(std::stoi(number)));
     for (int i = 0; i < (count == 0 ? repeat + 1 : 1); i++) {

@@ -15,6 +15,8 @@ import org.veiloc.Cancellation
 import org.veiloc.Focal
 import org.veiloc.FrameFormat
 import org.veiloc.FrameLayout
+import org.veiloc.Pack
+import org.veiloc.PackUse
 import org.veiloc.Pose
 import org.veiloc.Profile
 import org.veiloc.SealOptions
@@ -65,10 +67,41 @@ fun seals(arguments: List<String>) {
                 check(query.steps().last() == query.rows() && query.bytes(query.steps().first()).size <= expected.size)
             }
         }
-        if (count == 0) border(profile, pixels, layout, camera)
+        if (count == 0) {
+            border(profile, pixels, layout, camera)
+            packs(folder, pixels, layout, camera)
+        }
         count++
     }
     println("$count queries equal, $repeat repeated")
+}
+
+/** The first frame sealed with the pack: equal to the reference, or refused where the frame does not show the place. */
+fun packs(folder: File, pixels: ByteBuffer, layout: FrameLayout, camera: Camera) {
+    val bytes = folder.resolve("pack").readBytes()
+    val expected = folder.resolve("matched").readBytes()
+    expect<VeilocException.Pack>("a damaged pack") { Pack(bytes.copyOf(bytes.size - 1)) }
+    val pack = Pack(bytes)
+    val profile = pack.profile()
+    check(pack.id().length == 32 && profile.id().length == 32)
+    expect<VeilocException.Argument>("explained without a pack") { Sealer(profile, SealOptions(send = PackUse.EXPLAINED)) }
+    val sealer = Sealer(profile, SealOptions(pack = pack))
+    pack.close()
+    val extracted = sealer.extract(pixels, layout, camera)
+    if (expected.isEmpty()) {
+        expect<VeilocException.NotThisPlace>("another place") { sealer.sealSeeded(extracted, ByteArray(32)) }
+    } else {
+        sealer.sealSeeded(extracted, ByteArray(32)).use { check(it.bytes().contentEquals(expected)) { "matches differ" } }
+    }
+    // Two squares have fewer keypoints than a place must explain.
+    val width = layout.width.toInt()
+    val squares = ByteArray(width * layout.height.toInt()) {
+        val (column, row) = Pair(it % width / 20, it / width / 20)
+        if (row == 7 && (column == 7 || column == 14)) 30 else 120
+    }
+    expect<VeilocException.NotThisPlace>("two squares") {
+        sealer.seal(sealer.extract(direct(squares), layout.copy(format = FrameFormat.GRAY), camera))
+    }
 }
 
 /** Errors, sessions and poses. */

@@ -2,7 +2,7 @@
 
 - Poses from correspondences, with PoseLib's calling convention: `estimate_absolute_pose`, `estimate_absolute_pose_lines`,
   `estimate_absolute_pose_anchored`, and the minimal solvers `p3p`, `p6lp`, `p5lp_radial`, `p6lp_dual_radial`, `up2p`, `u4lp`.
-- The device: `Sealer`, `Session`, `Profile`, and `Client` for a service; `extract` and `obfuscate` for experiments.
+- The device: `Sealer`, `Session`, `Profile`, `Pack`, and `Client` for a service; `extract` and `obfuscate` for experiments.
 - The server: `Map`; `read_posed` for poses of other programs; `prepare` and `veiloc.ray` to build a map on several machines.
 - Privacy attacks: `attack`, `audit`.
 - `render_room`: a synthetic scene for experiments.
@@ -19,6 +19,7 @@ from veiloc._native import (
     ColmapModel,
     Extracted,
     Map,
+    Pack,
     Profile,
     Sealer,
     Session,
@@ -52,6 +53,7 @@ from veiloc.errors import (
     InputError,
     MapError,
     NotLocalizedError,
+    NotThisPlaceError,
     QueryError,
     RefusedError,
     ServiceError,
@@ -72,6 +74,8 @@ __all__ = [
     "Map",
     "MapError",
     "NotLocalizedError",
+    "NotThisPlaceError",
+    "Pack",
     "Profile",
     "ProgressBar",
     "QueryError",

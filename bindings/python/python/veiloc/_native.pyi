@@ -62,6 +62,7 @@ Scheme: TypeAlias = Literal[
 Anchors: TypeAlias = Literal["world", "gravity", "image"]
 Features: TypeAlias = Literal["compact", "sift"]
 Focal: TypeAlias = Literal["calibrated", "exif", "unknown"]
+Send: TypeAlias = Literal["matches", "explained"]
 Image: TypeAlias = Path | npt.NDArray[np.uint8] | npt.NDArray[np.float32]
 Mask: TypeAlias = Path | npt.NDArray[np.bool_]
 Options: TypeAlias = dict[str, Any]
@@ -238,6 +239,44 @@ class Profile:
     def __eq__(self, other: object) -> bool: ...
     def __hash__(self) -> int: ...
 
+class Pack:
+    """Pack of a map: the descriptors of its points, image by image, without positions.
+
+    A device that has it seals what the place knows and nothing else (`Sealer`). It shows what the place looks like, without
+    where, so the operator decides who gets it. Get one from `Map.pack`, `Client.pack`, a file (`Pack.open`) or bytes
+    (`Pack.from_bytes`); `bytes(pack)` is the content of a pack file.
+    """
+
+    @staticmethod
+    def open(path: Path) -> Pack:
+        """Reads a pack file that `veiloc map pack` wrote.
+
+        Raises:
+            QueryError: the file cannot be read, or is not a pack.
+        """
+    @staticmethod
+    def from_bytes(data: bytes) -> Pack:
+        """Decodes a pack.
+
+        Raises:
+            QueryError: the bytes are not a pack.
+        """
+    @property
+    def id(self) -> str:
+        """Identifier of the pack. A map refuses matches in another one."""
+    @property
+    def profile(self) -> Profile:
+        """The profile of the map, for `Sealer`."""
+    @property
+    def points(self) -> int:
+        """Number of points."""
+    @property
+    def images(self) -> int:
+        """Number of images."""
+    def __bytes__(self) -> bytes: ...
+    def __eq__(self, other: object) -> bool: ...
+    def __hash__(self) -> int: ...
+
 class Extracted:
     """The features of an image with their camera, until they are sealed. `len(extracted)` is the number of keypoints."""
 
@@ -257,9 +296,14 @@ class Sealer:
             2048. The next smaller size of the device's list is used.
         angle_bits: bits of each quantized angle.
         send_gravity: False sends no gravity direction.
+        pack: pack of the map: nothing is sent that the place does not know. Default: all descriptors are sent.
+        send: what is sent with a pack: `"matches"`, the points that keypoints match in the pack, and no descriptor
+            (default), or `"explained"`, the descriptors that the pack explains.
 
     Raises:
-        QueryError: the profile requests more than this device sends, or the scheme is unknown.
+        QueryError: the profile requests more than this device sends, the scheme is unknown, or the pack is of another map
+            or too large.
+        InputError: `send` is unknown, or given without a pack.
     """
 
     def __init__(
@@ -271,6 +315,8 @@ class Sealer:
         max_image_side: int | None = None,
         angle_bits: int = 12,
         send_gravity: bool = True,
+        pack: Pack | None = None,
+        send: Send | None = None,
     ) -> None: ...
     def extract(
         self,
@@ -312,6 +358,7 @@ class Sealer:
 
         Raises:
             Error: the image shows too little texture.
+            NotThisPlaceError: hardly anything in the image is of the place of the pack.
             InputError: the features were sealed already.
         """
     def in_session(self, session: Session) -> SessionSealer:
@@ -632,6 +679,12 @@ class Map:
     @property
     def profile(self) -> Profile:
         """The profile of the map; a device needs it to seal queries."""
+    def pack(self) -> Pack:
+        """The pack of the map: what its points look like, image by image, without positions. The same map gives the same pack.
+
+        Raises:
+            QueryError: the map has no points, or more than a pack can have; give the pack of a region then.
+        """
     @property
     def image_names(self) -> list[str]:
         """Names of the map's images."""
@@ -719,9 +772,10 @@ class Client:
         insecure_http: allow plain HTTP to other machines.
         timeout: most seconds to wait for an answer.
         retries: how many times to retry when the service is busy or the network fails.
-        cache: folder in which profiles are cached.
+        cache: folder in which profiles and packs are cached.
         profile_ids: dictionary from names of maps to the ids of their profiles, as their operator publishes them; a map
             with another profile is an error. Default: any profile.
+        pack_ids: the same for packs.
 
     Raises:
         ServiceError: the address, the token or the certificates cannot be used.
@@ -738,12 +792,21 @@ class Client:
         retries: int = 4,
         cache: Path | None = None,
         profile_ids: dict[str, str] | None = None,
+        pack_ids: dict[str, str] | None = None,
     ) -> None: ...
     def profile(self, map: str) -> Profile:
         """Fetches the profile of a map of the service; a `Sealer` needs it.
 
         Raises:
             ServiceError: the service refused the request, cannot be reached, or has another profile than `profile_ids`.
+        """
+    def pack(self, map: str) -> Pack:
+        """Fetches the pack of a map of the service, for a `Sealer` that sends only what the place knows. It contains the
+        profile.
+
+        Raises:
+            RefusedError: the operator gives no packs, or the service refused the request.
+            ServiceError: the service cannot be reached, or has another pack than `pack_ids`.
         """
     def localize(
         self, map: str, query: bytes, *, trusted_only: bool = False, near: npt.ArrayLike | None = None
@@ -1081,7 +1144,9 @@ def obfuscate(
         QueryError: the scheme is unknown, or a point is not finite.
     """
 def describe_query(query: bytes) -> dict[str, Any]:
-    """Reads the header of a sealed query: scheme, rows, bytes, profile, camera size; no keypoints and no descriptors.
+    """Reads the header of a sealed query: scheme, rows, bytes, profile, pack, camera size; no keypoints and no descriptors.
+
+    `pack` is the id of the pack in which the query sends matches; None for a query with descriptors.
 
     Raises:
         QueryError: the bytes are not a sealed query.

@@ -21,11 +21,15 @@ class MapError(Error):
 
 
 class QueryError(Error):
-    """The bytes are not a sealed query, profile or answer, or a profile requests more than the device sends."""
+    """The bytes are not a sealed query, profile, pack or answer, or a profile requests more than the device sends."""
 
 
 class WrongProfileError(QueryError):
-    """The query was sealed for another map, or for an older state of this one: fetch the profile and seal again."""
+    """The query was sealed for another map, or for an older state of this one: fetch the profile or pack, and seal again."""
+
+
+class NotThisPlaceError(Error):
+    """Hardly anything in the image is of the place whose pack the device has: point the camera at the place."""
 
 
 class NotLocalizedError(Error):

@@ -11,7 +11,7 @@ use veiloc_features::Image;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_geometry::{Anchor, Stop};
 use veiloc_localization::{LocalizeOptions, localize_rig};
-use veiloc_obfuscation::{SealErrorKind, SealOptions, Sealer, Session, SessionOptions};
+use veiloc_obfuscation::{KnownPlace, PackUse, SealErrorKind, SealOptions, Sealer, Session, SessionOptions};
 use veiloc_pose::State;
 use veiloc_protocol::{CoarseGravity, Observations, RigMessage, SealedQuery};
 
@@ -90,6 +90,44 @@ fn a_burst_is_localized_and_trusted() {
     let aligned = alignment.aligned().expect("one answer").ar_from_map;
     assert!(aligned.rotation().angle_to(room.ar_from_map.rotation()).to_degrees() < 0.5);
     assert!((aligned.translation() - room.ar_from_map.translation()).norm() < 0.05);
+}
+
+#[test]
+fn a_burst_with_a_pack_sends_matches_and_is_trusted() {
+    let room = room();
+    let (pack, _) = room.map.pack().expect("points");
+    let place = KnownPlace::new(pack).expect("compact");
+    let sealer = sealer(SealOptions::default().with_place(place.clone(), PackUse::Matches));
+    // The sealers of a burst are made as this one, and share the pack that was prepared once.
+    let other = Sealer::new(sealer.profile(), sealer.options().clone().only_balanced()).expect("its profile");
+    for own in [&sealer, &other] {
+        assert!(std::ptr::eq(own.place().expect("a pack").pack(), place.pack()));
+    }
+    let (mut burst, frames) = burst_of(&room, &[0.0, 0.4, 0.8]);
+    let mut session = session();
+    let sealed = burst.seal(&sealer, &mut session, &Stop::default(), &mut rng()).expect("the place");
+    assert_eq!((sealed.message.frames.len(), sealed.left_out), (3, 0));
+    let received = RigMessage::decode(&sealed.message.encode()).expect("decodes");
+    assert!(received.frames.iter().all(|frame| frame.query.descriptors().is_none()));
+    let found = localize_rig(&received.frames, &room.map, &LocalizeOptions::default()).expect("localized");
+    assert_eq!((found.state, found.inlier_frame_count()), (State::Trusted, 3));
+    for (k, frame) in found.frames.iter().enumerate() {
+        let error = frame.cam_from_world.translation_error(&frames[2 - k].cam_from_map);
+        assert!(error < 0.03, "frame {k} is {error} m off");
+    }
+    // Nothing of another place is sealed.
+    let before = session.clone();
+    let mut elsewhere = self::burst();
+    let mut noise = rng();
+    let pixels = (0..frames[0].pixels.len()).map(|_| noise.next_u32() as u8).collect();
+    offer(&mut elsewhere, &frames[0].with_pixels(pixels), 0.0);
+    let error = elsewhere.seal(&sealer, &mut session, &Stop::default(), &mut rng()).expect_err("noise");
+    assert!(
+        matches!(&error, BurstError::Frame(e) if e.kind() == SealErrorKind::NotThisPlace),
+        "{error}: {:?}",
+        sealer.place()
+    );
+    assert!(session == before);
 }
 
 /// The frames contradict each other then. Either they lose their influence, or the pose its trust.
