@@ -75,6 +75,8 @@ impl MapFile {
         images.sort_unstable_by(|a, b| (&a.0, a.1.as_bytes()).cmp(&(&b.0, b.1.as_bytes())));
         let pack = Pack::new(self.profile().clone(), of_map.len() as u32, images)?;
         let points = PackPoints { id: pack.id(), of_map };
+        // For `pack_points`; another thread may have been faster.
+        let _ = self.pack.set(points.clone());
         Ok((pack, points))
     }
 

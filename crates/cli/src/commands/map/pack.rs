@@ -11,7 +11,7 @@ use crate::output::ui::Ui;
 
 /// Write the pack of a map: its descriptors without positions, with which a device sends only what the place knows.
 ///
-/// It shows whoever gets it the textures of the place, without where they are (docs/guide/pack.md), so the operator
+/// It shows the textures of the place, without where they are, to everyone who gets it (docs/guide/pack.md), so the operator
 /// decides. `veiloc serve --packs` serves it.
 #[derive(clap::Args)]
 pub(crate) struct PackArgs {

@@ -37,8 +37,8 @@ impl<'a> PlaceRows<'a> {
             PackUse::Explained => {
                 let mut explained = found.rows.iter().map(ExplainedRow::is_explained);
                 usable.retain(|_| explained.next().expect("one for each"));
-                if usable.len() < SizeClass::SMALLEST.rows() {
-                    // Decoys have a position each, so rows that share one would be known as real.
+                if size_of(usable.len()).rows() > usable.len() {
+                    // Decoys fill the class. They have a position each, so rows that share one would be known as real.
                     merge_by_position(usable, |_, _| ());
                 }
                 None
@@ -67,10 +67,9 @@ impl<'a> PlaceRows<'a> {
         Ok(Self { place, found, count, candidates })
     }
 
-    /// How many rows are sent: decoys fill a class of which at least two thirds are real.
+    /// How many rows are sent.
     pub(crate) fn size(&self) -> SizeClass {
-        let is_filled = |class: &SizeClass| class.rows() >= self.count && 3 * self.count >= 2 * class.rows();
-        SizeClass::ALL.into_iter().find(is_filled).unwrap_or_else(|| SizeClass::for_count(self.count))
+        size_of(self.count)
     }
 
     /// What is sent of these rows and of `decoys` after them.
@@ -92,6 +91,12 @@ impl<'a> PlaceRows<'a> {
         of_rows.extend(self.place.decoy_candidates(&self.found, decoys, rng));
         RowContent::Matches { place: self.place.clone(), candidates: of_rows }
     }
+}
+
+/// The class of this many real rows: decoys fill a class of which at least two thirds are real.
+fn size_of(count: usize) -> SizeClass {
+    let is_filled = |class: &SizeClass| class.rows() >= count && 3 * count >= 2 * class.rows();
+    SizeClass::ALL.into_iter().find(is_filled).unwrap_or_else(|| SizeClass::for_count(count))
 }
 
 /// Keeps the first keypoint of each position; `merge` gets its source and that of each other one there.

@@ -166,9 +166,16 @@ fn decoys_are_of_the_place() {
 /// Rows that share a position are one row where decoys have positions of their own: sharing would show what is real.
 #[test]
 fn one_row_a_position_beside_decoys() {
-    let Scene { profile, place, shown, .. } = scene(0, 180);
+    // Below the smallest class, and between two classes.
+    for of_place in [180, 450] {
+        one_row_a_position_of(of_place);
+    }
+}
+
+fn one_row_a_position_of(of_place: usize) {
+    let Scene { profile, place, shown, .. } = scene(0, of_place);
     let mut features = features(shown);
-    for i in 0..60 {
+    for i in 0..30 {
         features.keypoints[2 * i + 1].pixel = features.keypoints[2 * i].pixel;
     }
     let pack = pack_of(&place, &profile, 1);

@@ -4,7 +4,7 @@ use std::fmt;
 use std::num::NonZeroUsize;
 use std::str::FromStr;
 
-use veiloc_obfuscation::PackUse;
+use veiloc_obfuscation::{PackUse, UnknownPackUse};
 
 use super::camera_error::CameraError;
 use super::degrade::Degradation;
@@ -97,11 +97,7 @@ impl Condition {
             "camera" => self.camera.replace(value.parse().map_err(invalid)?).is_some(),
             "gravity" => self.gravity.replace(value.parse().map_err(invalid)?).is_some(),
             "pack" => {
-                let usage = match value {
-                    "explained" => PackUse::Explained,
-                    "matches" => PackUse::Matches,
-                    _ => return Err(invalid("explained or matches is expected".into())),
-                };
+                let usage = value.parse().map_err(|e: UnknownPackUse| invalid(e.to_string()))?;
                 self.pack.replace(usage).is_some()
             }
             "frames" => {
@@ -173,10 +169,7 @@ impl fmt::Display for Condition {
             self.camera.map(|camera| format!("camera:{camera}")),
             self.gravity.map(|noise| format!("gravity:{noise}")),
             self.frames.map(|frames| format!("frames:{frames}")),
-            self.pack.map(|usage| match usage {
-                PackUse::Explained => "pack:explained".to_owned(),
-                PackUse::Matches => "pack:matches".to_owned(),
-            }),
+            self.pack.map(|usage| format!("pack:{}", usage.name())),
         ];
         let parts: Vec<String> = parts.into_iter().flatten().collect();
         f.pad(if parts.is_empty() { "none".to_owned() } else { parts.join("+") }.as_str())
@@ -237,7 +230,7 @@ mod tests {
             ("gravity:0.5,5", "above 0"),
             ("camera:g+3%", "cx"),
             ("camera:f~51%", "50"),
-            ("pack:all", "explained or matches"),
+            ("pack:all", "matches or explained"),
             ("negatives+frames:2", "single images"),
             ("frames:2+gravity:1", "without gravity"),
             ("negatives+gravity:1/5", "random"),

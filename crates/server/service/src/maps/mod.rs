@@ -76,7 +76,7 @@ impl LoadedMap {
         let (images, points, profile) = (map.image_count(), map.point_count(), map.profile().clone());
         let shown = subsampled_points(&map, reading.page_points);
         // A map without points, or too large for a pack, has none.
-        let pack = reading.packs.then(|| map.pack_points().and(map.pack())).and_then(Result::ok);
+        let pack = reading.packs.then(|| map.pack()).and_then(Result::ok);
         let pack = pack.map(|(pack, _)| (Content::new(pack.encode()), pack.id().to_string()));
         let loaded = Self::new(&source.name, &profile, [images, points], Backend::Local(Box::new(map)));
         Ok(Self { pack, shown, ..loaded })

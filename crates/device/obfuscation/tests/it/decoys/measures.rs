@@ -147,11 +147,11 @@ pub(crate) fn energies(rows: &[Row]) -> EnergyAttack {
     let judged = trained(rows, |_| of_rows.next().expect("one for each row"));
     let within_image = judged.iter().map(|image| auc(image)).sum::<f64>() / judged.len() as f64;
     standardize(&mut moments);
-    EnergyAttack { within_image, count: told_by(&moments, &counts) }
+    EnergyAttack { within_image, count: estimated_from(&moments, &counts) }
 }
 
 /// Correlation of numbers of odd images with a ridge regression on even ones.
-fn told_by(moments: &[Vec<f64>], numbers: &[f64]) -> f64 {
+fn estimated_from(moments: &[Vec<f64>], numbers: &[f64]) -> f64 {
     let columns = moments[0].len() + 1;
     let input = |image: usize, column: usize| if column == 0 { 1.0 } else { moments[image][column - 1] };
     let of_half = |odd: usize| -> (DMatrix<f64>, DMatrix<f64>) {
