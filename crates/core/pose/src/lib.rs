@@ -11,7 +11,7 @@
 //!
 //! Hypotheses are compared by the likelihood of the observations ([`ScoreKind::Likelihood`]; `veiloc_pose::likelihood`
 //! defines it by one formula for all three kinds, so that schemes can be compared fairly), optimised locally and
-//! refined with the same objective, at the noise that the inliers show. [`prior`] gives the probability of each match
+//! refined with the same objective, at the noise that the inliers show. `veiloc_descriptor` gives the probability of each match
 //! before geometry is considered. The plain MSAC score, the paper's recipe, has a false optimum on anchored lines, with
 //! the scene projected onto an anchor; the likelihood does not.
 //!
