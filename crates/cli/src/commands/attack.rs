@@ -9,6 +9,7 @@ use veiloc_evaluation::attack_evaluation::{
 use veiloc_protocol::{AngleBits, Scheme};
 
 use crate::args::json_args::JsonArgs;
+use crate::commands::device_args::PackArgs;
 use crate::output::exit::{Exit, Failure, Outcome};
 use crate::output::stages::Stages;
 use crate::output::ui::Ui;
@@ -58,6 +59,8 @@ pub(super) struct AdversaryArgs {
         value_name = "SCHEME,…"
     )]
     schemes: Vec<Scheme>,
+    #[command(flatten)]
+    pack: PackArgs,
     /// Source of the neighbour lists.
     #[arg(long, value_enum, default_value = "oracle")]
     neighbours: NeighbourListSource,
@@ -167,6 +170,7 @@ impl AdversaryArgs {
         Ok(AttackEvaluation {
             schemes: self.schemes.clone(),
             attacks: attacks.to_vec(),
+            place: self.pack.place()?,
             neighbours: match self.neighbours {
                 NeighbourListSource::Oracle => NeighbourSource::Oracle,
                 NeighbourListSource::Predicted => NeighbourSource::Predicted { train: self.train.clone() },

@@ -62,6 +62,26 @@ pub(crate) struct DeviceArgs {
     consent: ConsentArgs,
 }
 
+/// A pack, and what is sent with it, for attacks on what a device sends.
+#[derive(clap::Args)]
+pub(crate) struct PackArgs {
+    /// The pack of the place, as written by `veiloc map pack`: attack only what a device with it sends. Keypoints that it
+    /// sends as matches have the descriptors of their points in the pack. Default: none.
+    #[arg(long, value_name = "FILE")]
+    pack: Option<PathBuf>,
+    /// What the device sends with the pack: matches or explained.
+    #[arg(long, requires = "pack", default_value = "matches", value_name = "WHAT")]
+    send: PackUse,
+}
+
+impl PackArgs {
+    /// Returns the pack, prepared, and what is sent with it.
+    pub(crate) fn place(&self) -> Result<Option<(KnownPlace, PackUse)>, Failure> {
+        let prepared = |path: &PathBuf| Ok((KnownPlace::new(read_pack(path)?)?, self.send));
+        self.pack.as_ref().map(prepared).transpose()
+    }
+}
+
 /// What is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Sent {

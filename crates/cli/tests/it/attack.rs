@@ -29,6 +29,7 @@ fn table_and_document() {
             "bits_over_prior",
             "corrupt",
             "images",
+            "keypoints",
             "mean_px",
             "median_px",
             "ms",

@@ -2,7 +2,7 @@
 
 use super::common;
 
-use common::{TestScene, folder, keys};
+use common::{TestScene, folder, keys, scene};
 use image::{Rgb, RgbImage};
 
 /// Discs of many sizes on a gradient: plenty of keypoints.
@@ -115,6 +115,36 @@ fn default_attacks_put_oracles_last() {
     for attacker in ["without an oracle", "with true neighbours"] {
         assert!(run.stdout[strongest..].contains(attacker), "{run}");
     }
+}
+
+/// With a pack, only what is sent is attacked, and the page says how much that is; of an image of elsewhere nothing is.
+#[test]
+fn only_what_a_device_with_the_pack_sends_is_attacked() {
+    let scene = scene();
+    scene.run("map pack place.vmap -o place.vpack").succeeded();
+    photograph(scene, "elsewhere.png", 0);
+    let fast = FAST.replace("--synthetic 100", "--no-synthetic");
+    let sent = |send: &str| {
+        let run = scene
+            .run(&format!(
+                "audit images/query-0.png elsewhere.png {fast} --pack place.vpack {send} -o p.html --json"
+            ))
+            .succeeded();
+        let page = String::from_utf8(scene.read("p.html")).expect("text");
+        assert!(page.contains("a device with this pack sends"), "{run}");
+        let with_pack = run.json()["inputs"]["with_pack"].clone();
+        assert_eq!(with_pack["images_not_sent"], 1, "{run}");
+        let attacked = run.json()["inputs"]["attacks"][0]["keypoints"].clone();
+        assert_eq!(attacked, with_pack["sent"], "{run}");
+        let count = |what: &str| with_pack[what].as_u64().expect("a number");
+        (with_pack["send"].clone(), count("sent"), count("keypoints"))
+    };
+    let (word, matches, of) = sent("");
+    let (other, explained, _) = sent("--send explained");
+    assert_eq!((word, other), ("matches".into(), "explained".into()));
+    assert!(50 < matches && matches <= explained && explained < of, "{matches} {explained} {of}");
+    let run = scene.run("audit images/query-0.png --send explained -o p.html");
+    assert!(run.code == Some(2) && run.stderr.contains("--pack"), "{run}");
 }
 
 #[test]

@@ -52,7 +52,9 @@ pub use encoding::Encoding;
 pub use error::DescriptorError;
 pub use global::GlobalDescriptor;
 pub use global_model::{GlobalModel, NamedGlobal};
-pub use image_matches::{PointImage, PointMatch, images_of_other_places, match_images};
+pub use image_matches::{
+    PointImage, PointMatch, RANKS_OF_OTHER_PLACES, RETRIEVED_IMAGES, images_of_other_places, match_images,
+};
 pub use index::GlobalIndex;
 pub use kind::DescriptorKind;
 pub use matching::{Match, MatchOptions, match_descriptors};

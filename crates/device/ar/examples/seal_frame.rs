@@ -1,8 +1,9 @@
 //! Seals one frame several times, and prints what it costs: for `scripts/phones/measure.py`.
 //!
-//! `seal_frame FRAME.pgm PROFILE TIMES [SIDE]` seals a gray frame (binary PGM) of a camera whose focal length is 1.2 times the longer
-//! side, with fixed seeds, scaled down to the longest side SIDE, and prints lines of `name value`:
+//! `seal_frame FRAME.pgm PROFILE|PACK TIMES [SIDE]` seals a gray frame (binary PGM) of a camera whose focal length is 1.2 times the longer
+//! side, with fixed seeds, scaled down to the longest side SIDE, as matches where a pack is given, and prints lines of `name value`:
 //!
+//! - `preparation_milliseconds`: reading the profile or the pack, and preparing it;
 //! - `rows`, `keypoints` of the query, and `hash` of all bytes sealed;
 //! - `milliseconds`: the median of all seals but the first;
 //! - `allocations`, `allocated_bytes` of the last seal, `first_allocations` of the first;
@@ -23,8 +24,8 @@ use rand_chacha::rand_core::SeedableRng as _;
 use veiloc_ar::{CameraFrame, PixelFormat};
 use veiloc_features::Image;
 use veiloc_geometry::Intrinsics;
-use veiloc_obfuscation::{DeviceLimits, SealOptions, Sealer};
-use veiloc_protocol::Profile;
+use veiloc_obfuscation::{DeviceLimits, KnownPlace, PackUse, SealOptions, Sealer};
+use veiloc_protocol::{Pack, Profile};
 
 /// The allocator of the system, counted.
 struct Counting;
@@ -74,13 +75,12 @@ static ALLOCATOR: Counting = Counting;
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [frame, profile, times, side @ ..] = arguments.as_slice() else {
-        return Err("seal_frame FRAME.pgm PROFILE TIMES [SIDE]".into());
+        return Err("seal_frame FRAME.pgm PROFILE|PACK TIMES [SIDE]".into());
     };
     let times: usize = times.parse()?;
     let file = std::fs::read(frame)?;
     let (width, height, start) = header(&file).ok_or("not a binary PGM of 8 bits")?;
     let frame = CameraFrame::new(PixelFormat::Gray, (width, height), &file[start..], 0)?;
-    let profile = Profile::decode(&std::fs::read(profile)?)?;
     let focal = 1.2 * f64::from(width.max(height));
     let intrinsics: Intrinsics = format!(
         "SIMPLE_PINHOLE,{width},{height},{focal},{},{}",
@@ -94,7 +94,17 @@ fn main() -> Result<(), Box<dyn Error>> {
             options.with_limits(DeviceLimits { max_image_side: side.parse()?, ..DeviceLimits::default() });
     }
 
+    let (published, start) = (std::fs::read(profile)?, Instant::now());
+    let profile = match Pack::decode(&published) {
+        Ok(pack) => {
+            let profile = pack.profile().clone();
+            options = options.with_place(KnownPlace::new(pack)?, PackUse::Matches);
+            profile
+        }
+        Err(_) => Profile::decode(&published)?,
+    };
     let sealer = Sealer::new(&profile, options)?;
+    println!("preparation_milliseconds {:.2}", start.elapsed().as_secs_f64() * 1e3);
 
     let before = HEAP.load(Relaxed);
     PEAK.store(before, Relaxed);

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use veiloc_descriptor::{MatchEvidence, MatchOptions, MatchPrior, match_probability};
+use veiloc_descriptor::{MatchEvidence, MatchOptions, MatchPrior, RETRIEVED_IMAGES, match_probability};
 use veiloc_geometry::CameraFromWorld;
 use veiloc_map::{CameraErrors, MapFile, MapView, PackPoints, PointId};
 use veiloc_pose::likelihood::{CameraEvidence, MapCameras};
@@ -26,7 +26,7 @@ use crate::retrieval::{RetrievedImage, retrieve_with_other_places};
 #[non_exhaustive]
 pub struct LocalizeOptions {
     /// Number of retrieved images, without up to three of other places that look like them
-    /// ([`crate::retrieval::retrieve_with_other_places`]). 10 as in hloc for scenes of this size; more cost time, fewer cost recall.
+    /// ([`crate::retrieval::retrieve_with_other_places`]). Default: [`RETRIEVED_IMAGES`], as devices with a pack.
     pub retrieve: usize,
     /// Descriptor matching: mutual check on, no ratio test, as in the paper.
     pub matching: MatchOptions,
@@ -46,7 +46,7 @@ pub struct LocalizeOptions {
 impl Default for LocalizeOptions {
     fn default() -> Self {
         Self {
-            retrieve: 10,
+            retrieve: RETRIEVED_IMAGES,
             matching: MatchOptions::default(),
             use_prior: true,
             pose: PoseOptions::default(),

@@ -1,6 +1,6 @@
 //! Image retrieval by global descriptors.
 
-use veiloc_descriptor::{GlobalDescriptor, GlobalIndex, images_of_other_places};
+use veiloc_descriptor::{GlobalDescriptor, GlobalIndex, RANKS_OF_OTHER_PLACES, images_of_other_places};
 use veiloc_map::{MapView, PointId};
 
 /// A retrieved image.
@@ -29,19 +29,15 @@ pub fn retrieve_with_other_places(
     map: MapView<'_>,
     count: usize,
 ) -> Vec<RetrievedImage> {
-    let mut retrieved = ranked(query, map, count, count + MAX_RANKS);
-    let further = retrieved.split_off(count.min(retrieved.len()));
-    let Some(best) = retrieved.first() else { return retrieved };
-    let least = MIN_SIMILARITY_SHARE * best.similarity;
-    let alike = further.iter().take_while(|image| least > 0.0 && image.similarity >= least);
-    let alike: Vec<RetrievedImage> = alike.copied().collect();
+    let mut retrieved = ranked(query, map, count, count + RANKS_OF_OTHER_PLACES);
     let points = |image: usize| -> Vec<PointId> {
         let image = map.file().image(image);
         (0..image.keypoints().len()).filter_map(|keypoint| map.point_of(&image, keypoint)).collect()
     };
-    let chosen: Vec<usize> = retrieved.iter().map(|image| image.image).collect();
-    let others = images_of_other_places(&chosen, alike.iter().map(|image| image.image), points);
-    retrieved.extend(alike.into_iter().filter(|image| others.contains(&image.image)));
+    let scored: Vec<(usize, f32)> = retrieved.iter().map(|image| (image.image, image.similarity)).collect();
+    let others = images_of_other_places(&scored, count, points);
+    let further = retrieved.split_off(count.min(retrieved.len()));
+    retrieved.extend(further.into_iter().filter(|image| others.contains(&image.image)));
     retrieved
 }
 
@@ -57,10 +53,3 @@ fn ranked(query: &GlobalDescriptor, map: MapView<'_>, requested: usize, count: u
     };
     found.into_iter().map(|(image, similarity)| RetrievedImage { image, similarity }).collect()
 }
-
-/// How many of the images after the retrieved ones are examined.
-const MAX_RANKS: usize = 100;
-
-/// Least similarity of an added image, as a share of that of the most similar image. Images of other places had at most
-/// 0.30 of it on RedKitchen, 0.46 on tum-fr1-rpy, and 0.73 on hololens-office (rooms with equal furniture).
-const MIN_SIMILARITY_SHARE: f32 = 0.7;

@@ -3,7 +3,7 @@
 use std::num::NonZeroUsize;
 
 use veiloc_evaluation::attack_evaluation::sessions::{Motion, SessionsEvaluation, evaluate_sessions, table};
-use veiloc_obfuscation::{SessionAnchors, SessionOptions};
+use veiloc_obfuscation::{PackUse, SessionAnchors, SessionOptions};
 
 use crate::commands::eval::posed_scene::with_remedy;
 use crate::commands::eval::scene::SceneArgs;
@@ -56,6 +56,9 @@ pub(crate) struct Args {
     /// Quantization step of angles in a session, radians; 0 dithers each frame anew. Default: as on devices.
     #[arg(long, value_name = "RAD")]
     step: Option<f64>,
+    /// The device has the pack of the map, and sends this with it: matches or explained. Default: no pack.
+    #[arg(long, value_name = "WHAT")]
+    send: Option<PackUse>,
     /// Do not let sessions remember what was sent of each keypoint.
     #[arg(long)]
     no_memory: bool,
@@ -79,6 +82,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             .with_band_deg(args.band.unwrap_or(default.band_deg))
             .with_step(args.step.unwrap_or(default.step))
             .with_memory(default.memory && !args.no_memory),
+        pack: args.send,
     };
     let document = evaluate_sessions(&evaluation, &Stages::new(ui)).map_err(with_remedy)?;
     ui.info(format!("map: {} images, {} points", document.map.images, document.map.points));

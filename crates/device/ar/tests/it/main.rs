@@ -4,6 +4,7 @@ mod advice;
 mod alignment;
 mod axes;
 mod burst;
+mod lying_server;
 mod room;
 mod seal;
 mod walk;

@@ -1,7 +1,8 @@
 //! Retrieval and matching on the device, and which rows the place explains.
 
 use veiloc_descriptor::{
-    Descriptors, MatchEvidence, MatchOptions, images_of_other_places, match_images, match_probability,
+    Descriptors, MatchEvidence, MatchOptions, RETRIEVED_IMAGES, images_of_other_places, match_images,
+    match_probability,
 };
 use veiloc_protocol::{Candidate, MatchWeight};
 
@@ -18,12 +19,6 @@ const PROBABLE: f64 = 0.2;
 pub(super) const MIN_MATCHES: usize = 12;
 /// Probability from which a match counts as one of them.
 const LIKELY: f64 = 0.5;
-/// Images that are matched with, as a server retrieves.
-const IMAGES: usize = 10;
-/// Least support of an image of another place, as a share of that of the best image.
-const MIN_SUPPORT_SHARE: f32 = 0.7;
-/// Images after the chosen ones that may be of another place.
-const MAX_RANKS: usize = 100;
 
 /// What the place says about the rows of an image.
 pub(super) struct FoundRows {
@@ -48,6 +43,17 @@ impl ExplainedRow {
         let is_probable = || self.candidate.is_some_and(|best| best.weight.probability() >= PROBABLE);
         self.ratio <= EXPLAINED || self.ratio <= EXPLAINED_IN_VIEW && is_probable()
     }
+
+    /// Whether an image with these rows shows the place; of another one nothing is sealed.
+    pub fn show_place(rows: &[Self]) -> bool {
+        Self::likely(rows) >= MIN_MATCHES
+    }
+
+    /// How many rows probably match.
+    fn likely(rows: &[Self]) -> usize {
+        let is_likely = |row: &&Self| row.candidate.is_some_and(|best| best.weight.probability() >= LIKELY);
+        rows.iter().filter(|row| row.is_explained()).filter(is_likely).count()
+    }
 }
 
 impl KnownPlace {
@@ -57,11 +63,8 @@ impl KnownPlace {
     /// [`SealError::PackKind`] for another kind; [`SealError::NotThisPlace`] when hardly any row probably matches.
     pub(super) fn find(&self, descriptors: &Descriptors) -> Result<FoundRows, SealError> {
         let found = self.found(descriptors)?;
-        let is_likely = |row: &&ExplainedRow| {
-            row.is_explained() && row.candidate.is_some_and(|best| best.weight.probability() >= LIKELY)
-        };
-        let matching = found.rows.iter().filter(is_likely).count();
-        if matching < MIN_MATCHES {
+        if !ExplainedRow::show_place(&found.rows) {
+            let matching = ExplainedRow::likely(&found.rows);
             return Err(SealError::NotThisPlace { matching, extracted: descriptors.len() });
         }
         Ok(found)
@@ -102,14 +105,11 @@ impl KnownPlace {
                 support[*image as usize] += weight;
             }
         }
-        let mut ranked: Vec<usize> = (0..support.len()).filter(|image| support[*image] > 0.0).collect();
-        ranked.sort_by(|a, b| support[*b].total_cmp(&support[*a]).then(a.cmp(b)));
-        let least = ranked.first().map_or(0.0, |best| MIN_SUPPORT_SHARE * support[*best]);
-        let further = ranked.split_off(IMAGES.min(ranked.len()));
-        let alike = further.into_iter().take(MAX_RANKS).take_while(|image| support[*image] >= least);
-        let others =
-            images_of_other_places(&ranked, alike, |image| self.pack().image(image).points().to_vec());
-        ranked.extend(others);
-        ranked
+        let mut ranked: Vec<(usize, f32)> =
+            support.into_iter().enumerate().filter(|(_, support)| *support > 0.0).collect();
+        ranked.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        let points = |image: usize| self.pack().image(image).points().to_vec();
+        let others = images_of_other_places(&ranked, RETRIEVED_IMAGES, points);
+        ranked.into_iter().take(RETRIEVED_IMAGES).map(|(image, _)| image).chain(others).collect()
     }
 }

@@ -33,10 +33,27 @@ pub struct AttackDocument {
     /// How attacks on several frames chose them; absent without such attacks.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame_selection: Option<FrameChoice>,
+    /// What a device with the pack of the place sends of the attacked images; absent without `--pack`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub with_pack: Option<WithPack>,
     /// Seed of every random choice.
     pub seed: u64,
     /// One entry per scheme, attack and share of replaced neighbours.
     pub attacks: Vec<AttackSummary>,
+}
+
+/// What a device with the pack of the place sends, without decoys.
+#[derive(Debug, Clone, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct WithPack {
+    /// `matches` or `explained`.
+    pub send: &'static str,
+    /// Number of keypoints of the attacked images.
+    pub keypoints: usize,
+    /// Number of those that are sent.
+    pub sent: usize,
+    /// Images of which nothing is sent, because they do not show the place.
+    pub images_not_sent: usize,
 }
 
 /// Knowledge of the server after localizing the queries of one scheme.
@@ -77,6 +94,8 @@ pub struct AttackSummary {
     pub frames: Option<usize>,
     /// Number of images.
     pub images: usize,
+    /// Number of keypoints that errors are measured on.
+    pub keypoints: usize,
     /// Mean error of a keypoint, pixels.
     pub mean_px: f64,
     /// Median error, pixels.
@@ -140,7 +159,16 @@ pub fn attacks_table(document: &AttackDocument) -> String {
             percent(chance)
         )
     });
-    tables + &precision_text.unwrap_or_default() + &of_server(document) + &accepted(document)
+    let with_pack = document.with_pack.as_ref().map(|with| {
+        let elsewhere = match with.images_not_sent {
+            0 => String::new(),
+            images => format!("; nothing of {images} of the images, which do not show the place"),
+        };
+        let WithPack { send, keypoints, sent, .. } = with;
+        format!("\nWith the pack {sent} of {keypoints} keypoints are sent ({send}){elsewhere}\n")
+    });
+    let notes = [precision_text, with_pack].into_iter().flatten().collect::<String>();
+    tables + &notes + &of_server(document) + &accepted(document)
 }
 
 fn rows<'a>(attacks: impl Iterator<Item = &'a AttackSummary>) -> String {

@@ -3,15 +3,17 @@
 use veiloc_datasets::problem_files::{KeypointImage, json_lines, read_keypoints, synthetic_image};
 use veiloc_features::Progress;
 use veiloc_geometry::Pixel;
+use veiloc_obfuscation::{KnownPlace, PackUse};
 
 use super::attacks::{Attack, Knowledge};
 use super::context::{AttackContext, ImageParts};
-use super::document::AttackDocument;
+use super::document::{AttackDocument, WithPack};
 use super::neighbours::{NeighbourSource, Precision};
 use super::options::{AttackEvaluation, ImageGroup};
 use super::rows::{Row, check, rows};
 use super::scene::{Attacker, Scene};
 use super::server::ServerStatistics;
+use super::with_pack::sent_with_pack;
 use crate::EvalError;
 
 /// One attack on one image under one scheme. Slices are `[N]`, one entry per keypoint, in the image's order.
@@ -47,9 +49,13 @@ pub fn evaluate_attacks(
     observe: &mut dyn FnMut(&AttackTrial<'_>),
 ) -> Result<AttackDocument, EvalError> {
     check(evaluation)?;
-    let read = read_groups(evaluation)?;
-    let groups = || evaluation.groups.iter().chain(&read);
     let most = evaluation.images.unwrap_or(usize::MAX);
+    let mut read = evaluation.groups.clone();
+    read.extend(read_groups(evaluation)?);
+    let with_pack =
+        evaluation.place.as_ref().map(|(place, usage)| send_with_pack(place, *usage, &mut read, most));
+    let with_pack = with_pack.transpose()?;
+    let groups = || read.iter();
     let attacked: Vec<&KeypointImage> = groups().flat_map(|group| group.images.iter().take(most)).collect();
     let attacker = Attacker::new(evaluation, &attacked)?;
     if evaluation.needs(Knowledge::Network).is_some() {
@@ -82,9 +88,27 @@ pub fn evaluate_attacks(
         chance: precision.map(|shares| shares.1),
         server,
         frame_selection: evaluation.needs(Knowledge::Frames).map(|_| evaluation.choice),
+        with_pack,
         seed: evaluation.seed,
-        attacks: results.rows.iter().map(|row| row.summary(attacked.len())).collect(),
+        attacks: results.rows.iter().map(Row::summary).collect(),
     })
+}
+
+/// Leaves of the attacked images what a device with the pack sends.
+fn send_with_pack(
+    place: &KnownPlace,
+    usage: PackUse,
+    groups: &mut [ImageGroup],
+    most: usize,
+) -> Result<WithPack, EvalError> {
+    let mut counts = WithPack { send: usage.name(), keypoints: 0, sent: 0, images_not_sent: 0 };
+    for image in groups.iter_mut().flat_map(|group| group.images.iter_mut().take(most)) {
+        counts.keypoints += image.keypoints.len();
+        *image = sent_with_pack(place, usage, image)?;
+        counts.sent += image.keypoints.len();
+        counts.images_not_sent += usize::from(image.keypoints.is_empty());
+    }
+    Ok(counts)
 }
 
 /// The groups that are not in memory.
@@ -116,6 +140,9 @@ fn attack_image(
     observe: &mut dyn FnMut(&AttackTrial<'_>),
 ) -> Result<(), EvalError> {
     let (attacker, image, parts) = (scene.attacker, &scene.images[own], ImageParts::default());
+    if attacker.evaluation.place.is_some() && image.keypoints.is_empty() {
+        return Ok(());
+    }
     for (at, scheme) in attacker.schemes.iter().enumerate() {
         let mut context = AttackContext::new(scene, own, &parts, *scheme)?;
         if at == 0 && attacker.evaluation.neighbours != NeighbourSource::Oracle {

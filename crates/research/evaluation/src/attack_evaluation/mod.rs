@@ -31,6 +31,7 @@ mod server;
 pub mod sessions;
 mod spread;
 mod strongest;
+mod with_pack;
 
 pub use attacks::{ATTACKS, Attack, Knowledge};
 pub use audit::{
@@ -38,7 +39,7 @@ pub use audit::{
     ShownScheme, run_audit,
 };
 pub use context::{AttackContext, RecoveredPositions};
-pub use document::{AttackDocument, AttackSummary, ServerSummary, attacks_table};
+pub use document::{AttackDocument, AttackSummary, ServerSummary, WithPack, attacks_table};
 pub use evaluate::{AttackTrial, evaluate_attacks};
 pub use multi_view::FrameChoice;
 pub use names::UnknownName;

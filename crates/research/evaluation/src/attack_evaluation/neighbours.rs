@@ -7,7 +7,7 @@ use serde::Serialize;
 use veiloc_attacks::learned::neighbours::NeighbourNetwork;
 use veiloc_attacks::{AttackError, DecodedDescriptors, KnownImage, NeighbourLists, NeighbourPredictor};
 use veiloc_datasets::problem_files::{KeypointImage, read_keypoints};
-use veiloc_descriptor::DescriptorKind;
+use veiloc_descriptor::{DescriptorKind, Descriptors};
 
 use crate::EvalError;
 
@@ -121,12 +121,14 @@ pub(super) fn known(image: &KeypointImage) -> Result<KnownImage, EvalError> {
 
 /// The descriptors of an image.
 pub(super) fn descriptors(image: &KeypointImage) -> Result<DecodedDescriptors, EvalError> {
-    match &image.descriptors {
-        Some(descriptors) => Ok(DecodedDescriptors::of(descriptors.view())),
-        None => {
-            Err(EvalError::Options(format!("{} has no descriptors, but this attack needs them", image.name)))
-        }
-    }
+    Ok(DecodedDescriptors::of(stored_descriptors(image)?.view()))
+}
+
+/// The same as they are stored.
+pub(super) fn stored_descriptors(image: &KeypointImage) -> Result<&Descriptors, EvalError> {
+    let refusal =
+        || EvalError::Options(format!("{} has no descriptors, but this attack needs them", image.name));
+    image.descriptors.as_ref().ok_or_else(refusal)
 }
 
 /// The kind of an image's descriptors, if it has any.

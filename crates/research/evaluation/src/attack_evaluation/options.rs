@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use veiloc_datasets::problem_files::{KeypointImage, seed_for};
+use veiloc_obfuscation::{KnownPlace, PackUse};
 use veiloc_protocol::{AngleBits, Scheme};
 
 use super::attacks::{Attack, Knowledge};
@@ -26,6 +27,8 @@ pub struct AttackEvaluation {
     pub schemes: Vec<Scheme>,
     /// Attacks, in the order of the table. The prior-only baseline is always added as the first.
     pub attacks: Vec<Attack>,
+    /// The pack of the place that devices have, and what they send with it; `None`: all keypoints with their descriptors.
+    pub place: Option<(KnownPlace, PackUse)>,
     /// Source of the neighbour lists.
     pub neighbours: NeighbourSource,
     /// Descriptions of position networks, at most one per scheme. The attack `trained-positions` is skipped for
@@ -84,6 +87,7 @@ impl Default for AttackEvaluation {
             images: None,
             schemes: Scheme::ALL.to_vec(),
             attacks: vec![Attack::CLOSED_FORM],
+            place: None,
             neighbours: NeighbourSource::Oracle,
             positions: Vec::new(),
             k: 20,

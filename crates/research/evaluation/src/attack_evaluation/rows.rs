@@ -107,7 +107,7 @@ impl Row {
         Ok(all)
     }
 
-    pub(super) fn summary(&self, images: usize) -> AttackSummary {
+    pub(super) fn summary(&self) -> AttackSummary {
         let errors = ErrorSummary::of(&self.tally.errors);
         let accepted = self.accepted.as_ref().map(|b| ErrorSummary::of(b));
         AttackSummary {
@@ -115,7 +115,8 @@ impl Row {
             attack: self.attack,
             corrupt: self.corrupt,
             frames: self.frames,
-            images,
+            images: self.ms.len(),
+            keypoints: errors.count,
             mean_px: errors.mean_px,
             median_px: errors.median_px,
             under_5px: errors.under_5px,

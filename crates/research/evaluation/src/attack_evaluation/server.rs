@@ -102,13 +102,16 @@ impl<'a> Server<'a> {
         scheme: Scheme,
     ) -> Result<SentImage, EvalError> {
         let problem = self.problem_of(image)?;
-        let rows = rows_of(problem, image)?;
+        let rows = rows_of(problem, image, evaluation.place.is_some())?;
         let private = self.private_region(image, evaluation.seed)?;
         let mut rng = ChaCha8Rng::seed_from_u64(seed_for(evaluation.seed, &[&image.name, "turned regions"]));
         let size = [image.width, image.height];
         let rotated = rotated(&image.keypoints, size, self.knowledge.rotated, &mut rng);
-        let in_map =
-            |m: &usize| private.as_ref().is_none_or(|inside| !inside[rows[*m][0]]) && !rotated[rows[*m][0]];
+        let in_map = |m: &usize| {
+            let is_in_map =
+                |row: &usize| private.as_ref().is_none_or(|inside| !inside[*row]) && !rotated[*row];
+            rows[*m].first().is_some_and(is_in_map)
+        };
         let selected: Vec<usize> = (0..rows.len()).filter(in_map).collect();
         let matched = restricted_to(problem, &selected, &rows);
 
@@ -153,7 +156,7 @@ impl<'a> Server<'a> {
         let best = likeliest_by_row(&inliers);
         // Rows with equal positions have equal lines, and the server can see that.
         for rows in rows {
-            let Some((at, _)) = best.get(&rows[0]) else { continue };
+            let Some((at, _)) = rows.first().and_then(|row| best.get(row)) else { continue };
             for &row in rows {
                 view.observations[row] = Observation::Known(*at);
                 view.known[row] = Some(*at);
@@ -292,8 +295,12 @@ fn obfuscated(
 const SAME_PX: f64 = 0.005;
 
 /// For each match the image's keypoints at its position (SIFT finds several orientations at one position), at least
-/// one.
-fn rows_of(problem: &Problem, image: &KeypointImage) -> Result<Vec<Vec<usize>>, EvalError> {
+/// one; none where only `some_are_sent` and its keypoint is not.
+fn rows_of(
+    problem: &Problem,
+    image: &KeypointImage,
+    some_are_sent: bool,
+) -> Result<Vec<Vec<usize>>, EvalError> {
     // Cells twice as wide as the tolerance: equal keypoints lie in the same or in adjacent cells.
     let cell = |p: &Pixel| [p.u, p.v].map(|x| (x / (2.0 * SAME_PX)).floor() as i64);
     let mut cells: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
@@ -313,7 +320,7 @@ fn rows_of(problem: &Problem, image: &KeypointImage) -> Result<Vec<Vec<usize>>, 
         rows
     };
     let of_keypoint: Vec<Vec<usize>> = problem.keypoints.iter().map(at).collect();
-    if let Some(missing) = of_keypoint.iter().position(Vec::is_empty) {
+    if let Some(missing) = of_keypoint.iter().position(|rows| rows.is_empty() && !some_are_sent) {
         let [u, v] = [problem.keypoints[missing].u, problem.keypoints[missing].v];
         return Err(EvalError::NoSuchKeypoint { image: image.name.clone(), u, v });
     }

@@ -2,6 +2,7 @@
 
 use crate::attack_evaluation::{
     Attack, Audit, AuditOptions, AuditPart, PROTECTION, ShownAttack, ShownImage, ShownImages, ShownScheme,
+    WithPack,
 };
 use maud::{Markup, html};
 use veiloc_protocol::Scheme;
@@ -23,12 +24,17 @@ pub fn audit_page(audit: &Audit, options: &AuditOptions) -> String {
     let scene_is_main = inputs.is_none();
     let attacks = &main.attacks;
     let images = attacks.attacks.iter().map(|row| row.images).max().unwrap_or(0);
+    let with_pack = attacks.with_pack.as_ref().map(|with| {
+        let WithPack { send, keypoints, sent, .. } = with;
+        format!(" Of {keypoints} keypoints a device with this pack sends {sent} ({send}), and only these are attacked.")
+    });
     let lead = format!(
-        "{PROTECTION} Here: {} with {}{} obfuscated as on a device under {}, attacked, and compared with the truth.",
+        "{PROTECTION} Here: {} with {}{} obfuscated as on a device under {}, attacked, and compared with the truth.{}",
         count(images, "image"),
         count(main.keypoints, "keypoint"),
         if !scene_is_main && synthetic.is_some() { ", and the paper's synthetic scene," } else { "" },
         count(schemes(attacks).len(), "scheme"),
+        with_pack.unwrap_or_default(),
     );
     let page = Page {
         title: "Attacks on sealed queries",

@@ -106,6 +106,8 @@ pub(crate) struct EnergyAttack {
     /// How often a decoy is ranked above a real row of the same image, by a logistic regression of the energies of groups
     /// of components and their products, trained on other images.
     pub(crate) within_image: f64,
+    /// The same of all rows of all images together.
+    pub(crate) over_images: f64,
     /// Correlation of the number of real rows with what a regression of the moments of these energies says, trained on
     /// other images.
     pub(crate) count: f64,
@@ -147,7 +149,11 @@ pub(crate) fn energies(rows: &[Row]) -> EnergyAttack {
     let judged = trained(rows, |_| of_rows.next().expect("one for each row"));
     let within_image = judged.iter().map(|image| auc(image)).sum::<f64>() / judged.len() as f64;
     standardize(&mut moments);
-    EnergyAttack { within_image, count: estimated_from(&moments, &counts) }
+    EnergyAttack {
+        within_image,
+        over_images: auc(&judged.concat()),
+        count: estimated_from(&moments, &counts),
+    }
 }
 
 /// Correlation of numbers of odd images with a ridge regression on even ones.

@@ -123,6 +123,7 @@ pub fn run_audit(
             images: None,
             attacks: evaluation.attacks.iter().copied().filter(Attack::needs_one_image).collect(),
             neighbours: NeighbourSource::Oracle,
+            place: None,
             ..evaluation.clone()
         };
         let (part, found) = part(&on_scene, 1, "Attacking the synthetic scene", progress)?;

@@ -1,5 +1,7 @@
 //! Attack on one image of a session: number of frames and attacked keypoints.
 
+use std::collections::BTreeMap;
+
 use rayon::prelude::*;
 use veiloc_attacks::multi_view::{
     Frame, FramesOptions, StaticCameraOptions, TriangulatedKeypoint, multi_view_attack_matched,
@@ -9,7 +11,7 @@ use veiloc_attacks::{AttackError, Observation, errors_px, prior_median, prior_on
 use veiloc_descriptor::{MatchOptions, match_descriptors};
 use veiloc_geometry::Pixel;
 use veiloc_obfuscation::SessionAnchors;
-use veiloc_protocol::AngleBits;
+use veiloc_protocol::{AngleBits, Candidate, QueryContent};
 
 use super::super::inliers::depth_limits;
 use super::Sessions;
@@ -123,10 +125,24 @@ struct Other<'a> {
     matches: Vec<Option<usize>>,
 }
 
-/// Matches by descriptors: mutual nearest neighbours with ratio test.
+/// Matches by descriptors: mutual nearest neighbours with ratio test. Of match queries, rows of one point; of several with
+/// one point those that are most probable.
 fn matches(from: &TrustedFrame, to: &TrustedFrame) -> Vec<Option<usize>> {
     let options = MatchOptions::default().with_max_ratio(Some(RATIO));
     let mut matches = vec![None; from.lines.len()];
+    if let (QueryContent::Matched { matches: own, .. }, QueryContent::Matched { matches: other, .. }) =
+        (from.query.content(), to.query.content())
+    {
+        let [own, other] = [own, other].map(|matches| {
+            let mut rows: Vec<(usize, Candidate)> = matches.rows().iter().copied().enumerate().collect();
+            rows.sort_by_key(|(_, candidate)| candidate.weight);
+            rows.into_iter().map(|(row, candidate)| (candidate.point, row)).collect::<BTreeMap<u32, usize>>()
+        });
+        for (point, row) in own {
+            matches[row] = other.get(&point).copied();
+        }
+        return matches;
+    }
     let (Some(own), Some(other)) = (from.query.descriptors(), to.query.descriptors()) else { return matches };
     for m in match_descriptors(own, other, &options) {
         matches[m.query as usize] = Some(m.database as usize);

@@ -35,7 +35,12 @@ impl Recording<'_> {
         let options = self.evaluation.session.with_anchors(condition.anchors).with_max_starts(None);
         let mut session = Session::new(options, &mut key);
         // Anchors are compared: gravity would help the poses of some.
-        let sealer = Sealer::new(self.map_file().profile(), options_for(condition.scheme).without_gravity());
+        let options = options_for(condition.scheme).without_gravity();
+        let options = match &self.place {
+            Some((place, usage)) => options.with_place(place.clone(), *usage),
+            None => options,
+        };
+        let sealer = Sealer::new(self.map_file().profile(), options);
         let orientations = self.orientations(frames, condition);
         let sealed = frames.iter().zip(orientations).map(|(frame, orientation)| {
             let orientation = orientation.ok_or("the pose is no rotation")?;

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 use veiloc_attacks::ErrorSummary;
+use veiloc_obfuscation::PackUse;
 
 use super::super::rows::ErrorTally;
 use super::attack::{AttackedKeypoints, Method};
@@ -25,6 +26,9 @@ pub struct SessionsDocument {
     pub map: MapSummary,
     /// Images of the query list, which form one trajectory.
     pub images: usize,
+    /// What the device sends with the pack of the map, `matches` or `explained`; absent without a pack.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub send: Option<&'static str>,
     /// Share of an image's keypoints that the private region holds.
     pub private: f64,
     /// Width of the band along borders of sectors that is left out, degrees.
@@ -49,6 +53,7 @@ impl SessionsDocument {
             command: "eval sessions",
             map,
             images: evaluation.scene.query_list.len(),
+            send: evaluation.pack.map(PackUse::name),
             private: evaluation.private,
             band_deg: evaluation.session.band_deg,
             step: evaluation.session.step,

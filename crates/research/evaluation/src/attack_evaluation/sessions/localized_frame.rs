@@ -87,11 +87,16 @@ impl TrustedFrame {
                 known[other].get_or_insert(at);
             }
         }
+        // A match query has none, and its frames are matched by points.
+        let descriptors = match query.descriptors() {
+            Some(rows) => DecodedDescriptors::of(rows),
+            None => DecodedDescriptors::new(&vec![0; lines.len()], 1).ok()?,
+        };
         let sources = sealed.truth.source.iter().zip(&sealed.truth.pixels);
         Some(Self {
             camera: query.camera(),
             cam_from_world: found.cam_from_world,
-            descriptors: DecodedDescriptors::of(query.descriptors()?),
+            descriptors,
             known,
             private: sealed
                 .truth

@@ -24,7 +24,7 @@ mod table;
 
 use serde::{Serialize, Serializer};
 use veiloc_features::Progress;
-use veiloc_obfuscation::{SessionAnchors, SessionOptions};
+use veiloc_obfuscation::{PackUse, SessionAnchors, SessionOptions};
 use veiloc_protocol::Scheme;
 
 use crate::pipeline::GravityNoise;
@@ -67,6 +67,9 @@ pub struct SessionsEvaluation {
     pub sensor_noise: f64,
     /// Options of sessions, except the anchors.
     pub session: SessionOptions,
+    /// What the device sends with the pack of the map; `None`: all keypoints with their descriptors. Keypoints of the
+    /// person-like region are sent as far as the place explains them.
+    pub pack: Option<PackUse>,
 }
 
 impl SessionsEvaluation {

@@ -6,8 +6,8 @@ use veiloc_datasets::problem_files::seed_for;
 use veiloc_features::{Features, GrayImage, Image, Progress, load_gray};
 use veiloc_geometry::{CameraFromWorld, Intrinsics, Pixel};
 use veiloc_map::MapFile;
-use veiloc_obfuscation::Sealer;
 use veiloc_obfuscation::audit::options_for;
+use veiloc_obfuscation::{KnownPlace, PackUse, SealError, Sealer};
 use veiloc_protocol::Scheme;
 use veiloc_synthetic::problems::normal;
 
@@ -41,6 +41,8 @@ pub(super) struct Recording<'a> {
     pub(super) trajectory: Vec<DeviceFrame>,
     /// Indices of the attacked queries.
     pub(super) attacked: Vec<usize>,
+    /// The pack of the map that devices have, and what they send with it.
+    pub(super) place: Option<(KnownPlace, PackUse)>,
     /// For each attacked query the frames of a stationary camera; empty if no attack combines them.
     pub(super) static_frames: Vec<Vec<DeviceFrame>>,
 }
@@ -57,8 +59,11 @@ impl<'a> Recording<'a> {
         let gravity = SimulatedGravity::of(&scene.posed, &scene.map_list, SESSION_SENSOR)?;
         let input = scene.map_input(&scene.map_list);
         let map = SceneMap::build(&input, &scene.build, true, scene.keep_map.as_deref(), None, progress)?;
+        let place = |usage| Ok((KnownPlace::new(map.file.pack()?.0)?, usage));
+        let place = evaluation.pack.map(place).transpose().map_err(|e: SealError| e)?;
         let (trajectory, static_frames) = (Vec::new(), Vec::new());
-        let mut recording = Self { evaluation, map, gravity, queries, trajectory, attacked, static_frames };
+        let mut recording =
+            Self { evaluation, map, gravity, queries, trajectory, attacked, place, static_frames };
         progress.start("Extracting queries", recording.queries.len());
         for query in 0..recording.queries.len() {
             recording.trajectory.push(recording.own_frame(query)?);

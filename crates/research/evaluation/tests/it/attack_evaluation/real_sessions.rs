@@ -43,6 +43,7 @@ fn kitchen(data: &Path) -> SessionsEvaluation {
         max_distance: 0.5,
         sensor_noise: 2.0,
         session: SessionOptions::default(),
+        pack: None,
     }
 }
 
