@@ -7,9 +7,11 @@ import itertools
 import json
 import random
 import statistics
+from dataclasses import dataclass
 from pathlib import Path
 
 from study.common import PLACES, ROOT, Package, command, names_of, percent
+from study.geometry import rotation
 from study.places import LAYOUTS, is_right, rows_of
 from study.private_rows import by_attack, places_of, read_lines, write_lines
 
@@ -146,13 +148,7 @@ def hidden_by(mask: Path, image: dict):
 
 def true_rows(image: dict, problem: dict):
     """Which keypoints have a match that is true under the true pose."""
-    w, x, y, z = problem["cam_from_world"]["q"]
-    turn = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
-    seen = np.asarray(problem["points3d"]) @ turn.T + problem["cam_from_world"]["t"]
+    seen = np.asarray(problem["points3d"]) @ rotation(problem["cam_from_world"]["q"]).T + problem["cam_from_world"]["t"]
     focal_x, focal_y, u, v = problem["camera"]["params"]
     at = seen[:, :2] / seen[:, 2:] * [focal_x, focal_y] + [u, v]
     right = (np.hypot(*(at - np.asarray(problem["points2d"])).T) < TRUE_PX) & (seen[:, 2] > 0)
@@ -160,23 +156,35 @@ def true_rows(image: dict, problem: dict):
     return np.array([(round(a, 3), round(b, 3)) in known for a, b in image["keypoints"]])
 
 
-def pack_of(file: Path) -> dict:
-    """The fields of a pack, read from docs/reference/wire-format.md: numbers of points, points and rows."""
+def fields_of(file: Path) -> dict:
+    """The fields of a pack or a sealed query by number, as docs/reference/wire-format.md says: numbers and bytes."""
     data, at, found = file.read_bytes(), 0, {}
+
+    def varint():
+        nonlocal at
+        value = 0
+        for shift in itertools.count(0, 7):
+            value, at = value | (data[at] & 0x7F) << shift, at + 1
+            if data[at - 1] < 0x80:
+                return value
+
     while at < len(data):
-        key, size, at = data[at], 0, at + 1
+        key = varint()
         if key & 7 == 5:
             found[key >> 3], at = int.from_bytes(data[at : at + 4], "little"), at + 4
             continue
-        for shift in itertools.count(0, 7):
-            size, at = size | (data[at] & 0x7F) << shift, at + 1
-            if data[at - 1] < 0x80:
-                break
+        size = varint()
         found[key >> 3], at = data[at : at + size], at + size
+    return found
+
+
+def pack_of(file: Path) -> dict:
+    """Numbers of points, points of rows and rows of a pack."""
+    found = fields_of(file)
     points, count = found[3], len(found[6]) // 32
     width = max(1, (points - 1).bit_length())
     bits = np.unpackbits(np.frombuffer(found[5], np.uint8))[: width * count].reshape(count, width)
-    return {"points": points, "of rows": bits @ (1 << np.arange(width)[::-1]), "rows": numbers(np.frombuffer(found[6], np.uint8).reshape(count, 32))}
+    return {"points": points, "images": np.frombuffer(found[4], "<u4").astype(int), "of rows": bits @ (1 << np.arange(width)[::-1]), "rows": numbers(np.frombuffer(found[6], np.uint8).reshape(count, 32))}
 
 
 def numbers(codes):
@@ -230,46 +238,20 @@ def occlusion(run):
     table = run.table("packs/occlusion.csv", "place", "sent", "queries", "people's rows an image", "prior (px)", "occlusion (px)", "bits", "AUC")
     for place in places_of(run):
         shown, private = place.region("people, pasted")
-        pack, chosen = packed(run, place.name), {image["name"]: image for image in shown.chosen(2048)}
-        answers = looked_up(run, pack, shown.work / "queries.jsonl.gz", chosen)
-        masks = place.work / "people,-pasted/masks"
-        for use, name in enumerate(USES):
-            images = [image if use == 0 else only(image, columns_of(answer)[:, use - 1]) for image, answer in answers]
-            of_people = [int(hidden_by(masks / f"{image['name']}.png", image).sum()) for image in images]
-            attacked = shown.work / "attacked.jsonl.gz"
-            # An image without a row of the person has none to attack.
-            write_lines(attacked, [image for image, count in zip(images, of_people) if count])
-            cells = [place.name, name, len(images), f"{statistics.mean(of_people):.1f}"]
-            if not any(of_people):
-                table.add([*cells, "", "", "", ""])
-                continue
-            document = run.json("attack", attacked, "--server-matches", matches_of(shown, images), *private, "--attacks", "occlusion", "--schemes", "dcl")
+        attacked = shown.work / "attacked.jsonl.gz"
+        write_lines(attacked, shown.chosen(2048))
+        for sent, use in USES.items():
+            document = run.json("attack", attacked, "--server-matches", shown.sent_problems(2048), *private, "--attacks", "occlusion", "--schemes", "dcl",
+                                *with_pack(run, place.name, use))  # fmt: skip
             found = by_attack(document)["dcl"]
-            prior, attack = found["prior"], found["occlusion"]
-            auc = attack.get("hiding_auc")
-            table.add([*cells, f"{prior['median_px']:.0f}", f"{attack['median_px']:.0f}", f"{attack['bits_over_prior']:.2f}", "" if auc is None else f"{auc:.2f}"])
+            prior, attack, auc = found["prior"], found["occlusion"], found["occlusion"].get("hiding_auc")
+            table.add([place.name, sent, attack["images"], f"{attack['keypoints'] / attack['images']:.1f}", f"{prior['median_px']:.0f}",
+                       f"{attack['median_px']:.0f}", f"{attack['bits_over_prior']:.2f}", "" if auc is None else f"{auc:.2f}"])  # fmt: skip
 
 
-def only(image: dict, kept) -> dict:
-    """The image with these keypoints alone."""
-    rows = np.frombuffer(base64.b64decode(image["descriptors"]), np.uint8).reshape(len(image["keypoints"]), -1)
-    points = [point for point, is_kept in zip(image["keypoints"], kept) if is_kept]
-    return image | {"keypoints": points, "descriptors": base64.b64encode(rows[kept].tobytes()).decode()}
-
-
-def matches_of(place, images) -> Path:
-    """The file of problems of a place, without matches of keypoints that these images do not send."""
-    sent = {image["name"]: {(round(u, 2), round(v, 2)) for u, v in image["keypoints"]} for image in images}
-    path = place.work / "sent-with-pack.jsonl"
-    with path.open("w") as file, place.problems.open() as lines:
-        for problem in map(json.loads, lines):
-            own = sent.get(problem["name"])
-            if own is not None:
-                keep = [(round(u, 2), round(v, 2)) in own for u, v in problem["points2d"]]
-                problem = {key: [v for v, kept in zip(value, keep) if kept] if isinstance(value, list) and len(value) == len(keep) else value
-                           for key, value in problem.items()}  # fmt: skip
-            file.write(json.dumps(problem) + "\n")
-    return path
+def with_pack(run, place: str, use: str) -> list:
+    """Options of an attack on queries with this use of the pack of a place."""
+    return [] if use == "none" else ["--pack", packed(run, place), "--send", use.removeprefix("pack:")]
 
 
 @command("packs/elsewhere.csv", places=PLACES, photographs=(200, "photographs of elsewhere"))
@@ -293,11 +275,24 @@ def elsewhere(run):
             table.add([place, len(queries), use, percent(1 - len(sealed) / len(queries), 0), len(queries) - states.count("not-found"), states.count("trusted")])
 
 
-@command("packs/pictures.csv", places=PLACES, pictures=(14, "pictures of each place"), known=(360, "pictures that the attacker knows"),
-         share=(0.25, "height of a picture over the image's"))  # fmt: skip
-def pictures(run):
-    """A known picture that hangs in view is named by descriptors alone: each row votes for the picture that is clearly nearest."""
-    table = run.table("packs/pictures.csv", "place", "pictures", "named, all descriptors", "named, explained rows", "the picture's rows that match")
+PICTURES = {"pictures": (14, "pictures of each place"), "known": (360, "pictures that the attacker knows"), "share": (0.25, "height of a picture over the image's")}
+
+
+@dataclass
+class PastedPictures:
+    """Queries of a place in which a known picture hangs."""
+
+    place: str
+    folder: Path
+    #: Keypoints of the queries, and of each the number of its picture and the box of it: left, top, right, bottom, width of the image.
+    images: list
+    truth: list
+    #: Keypoints of the known pictures by number.
+    known: dict
+
+
+def pasted_pictures(run):
+    """Known pictures, pasted into queries of each place."""
     photos = sorted(run.place("training-photos").glob("*/*.jpg"))
     draw = random.Random(4)
     known = draw.sample(photos, run.known)
@@ -308,10 +303,10 @@ def pictures(run):
         link.unlink(missing_ok=True)
         link.symlink_to(photo)
     images = read_lines(run.made(work / "known.jsonl.gz", "eval", "keypoints", work / "known", "--max-keypoints", "300"))
-    database = np.concatenate([rows_of_image(image) for image in images])
-    owner = np.concatenate([np.full(len(image["keypoints"]), int(Path(image["name"]).stem)) for image in images])
-    for place in run.places:
-        names, pack = names_of(run.place(place) / "query.txt"), packed(run, place)
+    by_number = {int(Path(image["name"]).stem): image for image in images}
+    # Places share the draws, so all are drawn, in this order.
+    for place in PLACES:
+        names = names_of(run.place(place) / "query.txt")
         shown, truth = work / place, []
         (shown / "images").mkdir(parents=True, exist_ok=True)
         for k in range(run.pictures):
@@ -326,11 +321,22 @@ def pictures(run):
             image.save(shown / "images" / f"{k:02}.jpg", quality=88)
             box = (*at, at[0] + picture.width, at[1] + picture.height, image.width)
             truth.append((i, box))
-        file = shown / "keypoints.jsonl.gz"
-        file.unlink(missing_ok=True)
-        found = read_lines(run.made(file, "eval", "keypoints", shown / "images"))
+        if place in run.places:
+            file = shown / "keypoints.jsonl.gz"
+            file.unlink(missing_ok=True)
+            yield PastedPictures(place, shown, read_lines(run.made(file, "eval", "keypoints", shown / "images")), truth, by_number)
+
+
+@command("packs/pictures.csv", places=PLACES, **PICTURES)
+def pictures(run):
+    """A known picture that hangs in view is named by descriptors alone: each row votes for the picture that is clearly nearest."""
+    table = run.table("packs/pictures.csv", "place", "pictures", "named, all descriptors", "named, explained rows", "the picture's rows that match")
+    for shown in pasted_pictures(run):
+        pack, file = packed(run, shown.place), shown.folder / "keypoints.jsonl.gz"
+        database = np.concatenate([rows_of_image(image) for image in shown.known.values()])
+        owner = np.concatenate([np.full(len(image["keypoints"]), number) for number, image in shown.known.items()])
         named, matching = [0, 0], 0
-        for (image, answer), (i, box) in zip(looked_up(run, pack, file, {image["name"]: image for image in found}), truth):
+        for (image, answer), (i, box) in zip(looked_up(run, pack, file, {image["name"]: image for image in shown.images}), shown.truth):
             distances = np.sqrt(np.maximum(((d := rows_of_image(image)) ** 2).sum(1)[:, None] + (database**2).sum(1) - 2 * d @ database.T, 0))
             best = distances.argmin(1)
             least = distances[np.arange(len(d)), best]
@@ -338,9 +344,13 @@ def pictures(run):
             votes = least < 0.85 * distances.min(1)
             sent = columns_of(answer)
             for use, rows in enumerate([np.ones(len(d), bool), sent[:, 0]]):
-                counts = np.bincount(owner[best[votes & rows]], minlength=len(known))
+                counts = np.bincount(owner[best[votes & rows]], minlength=run.known)
                 named[use] += bool(counts.max()) and counts.argmax() == i
             u, v = np.asarray(image["keypoints"]).T * (box[4] / image["width"])
             inside = (u > box[0]) & (u < box[2]) & (v > box[1]) & (v < box[3])
             matching += int((sent[:, 1] & inside).sum())
-        table.add([place, run.pictures, *named, matching])
+        table.add([shown.place, run.pictures, *named, matching])
+
+
+# Its commands are of this page, and it needs what is above.
+from study import pack_adversaries  # noqa: E402, F401
