@@ -5,7 +5,12 @@
 /// The value is the proof of support: it is only returned by [`Backend::best`] and [`Backend::available`], or is
 /// [`Backend::PORTABLE`], so code with a value may run its instructions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Backend(Kind);
+pub struct Backend {
+    kind: Kind,
+    /// Whether there are dot products of bytes (FEAT_DotProd); all other loops are the portable ones.
+    #[cfg(target_arch = "aarch64")]
+    dotprod: bool,
+}
 
 /// The supported instruction sets, slowest first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,7 +24,15 @@ pub(crate) enum Kind {
 
 impl Backend {
     /// Plain Rust, on every machine; the reference for tests of the others.
-    pub const PORTABLE: Self = Self(Kind::Portable);
+    pub const PORTABLE: Self = Self::of(Kind::Portable);
+
+    const fn of(kind: Kind) -> Self {
+        Self {
+            kind,
+            #[cfg(target_arch = "aarch64")]
+            dotprod: false,
+        }
+    }
 
     /// The fastest available one. The CPU detection is cached, so a call costs a load and a branch.
     ///
@@ -33,34 +46,49 @@ impl Backend {
         #[cfg(target_arch = "x86_64")]
         {
             if has_avx512_vnni() && !matches!(built_for, Some("avx2")) {
-                return Self(Kind::Avx512Vnni);
+                return Self::of(Kind::Avx512Vnni);
             }
             if has_avx2() {
-                return Self(Kind::Avx2);
+                return Self::of(Kind::Avx2);
             }
+        }
+        #[cfg(target_arch = "aarch64")]
+        if std::arch::is_aarch64_feature_detected!("dotprod") {
+            return Self { dotprod: true, ..Self::PORTABLE };
         }
         Self::PORTABLE
     }
 
     /// All available ones, slowest first; the first is always [`Backend::PORTABLE`].
     pub fn available() -> Vec<Self> {
-        #[cfg_attr(not(target_arch = "x86_64"), expect(unused_mut, reason = "only x86-64 has more than one"))]
+        #[cfg_attr(
+            not(any(target_arch = "x86_64", target_arch = "aarch64")),
+            expect(unused_mut, reason = "only these have more than one")
+        )]
         let mut all = vec![Self::PORTABLE];
         #[cfg(target_arch = "x86_64")]
         {
             if has_avx2() {
-                all.push(Self(Kind::Avx2));
+                all.push(Self::of(Kind::Avx2));
             }
             if has_avx512_vnni() {
-                all.push(Self(Kind::Avx512Vnni));
+                all.push(Self::of(Kind::Avx512Vnni));
             }
+        }
+        #[cfg(target_arch = "aarch64")]
+        if Self::best() != Self::PORTABLE {
+            all.push(Self::best());
         }
         all
     }
 
     /// Its name in logs and benchmarks.
     pub const fn name(self) -> &'static str {
-        match self.0 {
+        #[cfg(target_arch = "aarch64")]
+        if self.dotprod {
+            return "dotprod";
+        }
+        match self.kind {
             Kind::Portable => "portable",
             #[cfg(target_arch = "x86_64")]
             Kind::Avx2 => "avx2",
@@ -71,7 +99,13 @@ impl Backend {
 
     /// The value that kernels dispatch on.
     pub(crate) const fn kind(self) -> Kind {
-        self.0
+        self.kind
+    }
+
+    /// Whether dot products of bytes have an instruction.
+    #[cfg(target_arch = "aarch64")]
+    pub(crate) const fn has_dotprod(self) -> bool {
+        self.dotprod
     }
 }
 

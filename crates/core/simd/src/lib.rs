@@ -11,7 +11,7 @@
 //! Every kernel has a portable version without intrinsics ([`Backend::PORTABLE`]), which is also used on machines other
 //! than x86-64. On aarch64 it is vector code, because NEON belongs to every such machine and the compiler vectorizes the
 //! loops as it does for AVX2; one loop that it does not vectorize well (interleaved rows of the doubled image) has NEON
-//! intrinsics. Blur, doubling and differences execute 1.1 to 1.3 times the instructions of their arithmetic, loads and
+//! intrinsics, and dot products of bytes have an instruction of their own where the processor has it. Blur, doubling and differences execute 1.1 to 1.3 times the instructions of their arithmetic, loads and
 //! stores; all loops of SIFT 3 to 6 times fewer than a build without vectors (`examples/sift_kernels.rs`, counted by
 //! `scripts/phones/instructions.c`). All results are equal on every backend and machine, bit for bit; tests compare each
 //! one with naive loops, and hashes of the results with those of other machines.

@@ -98,6 +98,11 @@ fn dispatch<const COLUMNS: bool>(
     rows: &PackedRows,
     columns: &mut ColumnBest,
 ) -> Vec<Option<BestTwo>> {
+    #[cfg(target_arch = "aarch64")]
+    if rows.backend().has_dotprod() {
+        // SAFETY: the rows contain a backend value, which proves that the CPU has this feature.
+        return unsafe { scan_dotprod::<COLUMNS>(queries, first_query, rows, columns) };
+    }
     match rows.backend().kind() {
         // SAFETY: needs no CPU feature.
         Kind::Portable => unsafe { scan::<Portable, COLUMNS>(queries, first_query, rows, columns) },
@@ -132,6 +137,18 @@ fn scan_avx512<const COLUMNS: bool>(
 ) -> Vec<Option<BestTwo>> {
     // SAFETY: this function is compiled for, and so only called with, the features of the tile.
     unsafe { scan::<crate::tile::Avx512Vnni, COLUMNS>(queries, first_query, rows, columns) }
+}
+
+#[cfg(target_arch = "aarch64")]
+#[target_feature(enable = "dotprod")]
+fn scan_dotprod<const COLUMNS: bool>(
+    queries: &[u8],
+    first_query: u32,
+    rows: &PackedRows,
+    columns: &mut ColumnBest,
+) -> Vec<Option<BestTwo>> {
+    // SAFETY: this function is compiled for, and so only called with, the features of the tile.
+    unsafe { scan::<crate::tile::DotProd, COLUMNS>(queries, first_query, rows, columns) }
 }
 
 /// Panels visited by all queries before the next ones: 512 rows of 128 bytes are 64 KiB, well inside a second-level
