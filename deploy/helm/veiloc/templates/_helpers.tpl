@@ -20,15 +20,13 @@ app.kubernetes.io/component: {{ .part }}
 {{- end }}
 {{- end }}
 
-{{/* The parts of this release, by name: what each deployment runs. */}}
+{{/* The deployments of this release, by name, and which values each has. */}}
 {{- define "veiloc.parts" -}}
 {{- if .Values.cluster.enabled }}
-gateway: {role: service}
-{{- range .Values.cluster.maps }}
-worker-{{ . | replace "." "-" | replace "_" "-" | lower }}: {role: worker, map: {{ . | quote }}}
-{{- end }}
+gateway: service
+worker: worker
 {{- else }}
-service: {role: service}
+service: service
 {{- end }}
 {{- end }}
 
