@@ -206,7 +206,7 @@ def provoke_load(checker, scene):
     """Provokes refusals that depend on load, rate limits, timeouts and the operator's files."""
     tokens = scene.tokens(["phone", "operator!"], scene.work / "few-tokens")
     # No machine localizes within the timeout, and more requests come than it holds.
-    busy = Server(scene, "--tokens", tokens, "--workers", "1", "--queue", "1", "--request-timeout", "0.005", *REFERENCE)
+    busy = Server(scene, "--tokens", tokens, "--threads", "1", "--queue", "1", "--request-timeout", "0.005", *REFERENCE)
     posts = ((LOCALIZE, scene.query, PROTOBUF), (RIG, rig_of(scene.query), PROTOBUF), (GEOPOSE, geopose_of(scene.query), JSON))
     for path, body, kind in posts:
         ask_busy = lambda i, path=path, body=body, kind=kind: request(

