@@ -3,14 +3,14 @@
 10^5 queries a second.
 
     research/notes/scale_model.py [--csv DIR]                the tables of docs/results/scale.md
-    research/notes/scale_model.py --costs COSTS.json         the constants that `answer_times.py --max-keypoints 1024 --json` gives
-    research/notes/scale_model.py --check MEASURED.json      its predictions beside what `throughput.py --json` measured
+    research/notes/scale_model.py --costs COSTS.json         the constants that `study service answer-times --max-keypoints 1024 --json` gives
+    research/notes/scale_model.py --check MEASURED.json      its predictions beside what `study service cluster-throughput` measured
     research/notes/scale_model.py --plot FILE.svg            the table drawn, on log axes
     research/notes/scale_model.py --set pose_ms=25 …         with other constants
 
 Standard library only (and `study`); equal seeds give equal tables. The model is a simulation by events. A machine has processors and threads
-that localize; a query waits for a thread, first come first served, and busy threads share the processors equally. A query goes
-to the index (one search), then to its regions, then home; messages take `road_ms` each way. Time of a pose is drawn from what
+that localize; a query waits for a thread, first come first served, and busy threads share the processors equally. A gateway
+searches its index for the regions of a query, asks one after the other, and answers; requests take `road_ms` each way. Time of a pose is drawn from what
 was measured of single queries (`pose_spread`: factors of the median). A query that finds nothing is asked in as many regions as
 a query may be, and each of them costs `negative_ms`. Of the machines that hold a region the less busy of two is asked. A machine
 fails, or hangs, at random: what it has, and what it gets until a gateway has put it out, is sent to another one then. What the
@@ -45,7 +45,7 @@ CONSTANTS = {
     # Assumed: the share of queries that find nothing, and of these the share with an unknown focal length.
     "negatives": 0.1,
     "unknown": 0.0,
-    # Regions in which a query that finds nothing is searched: the default of --cluster-regions.
+    # Regions in which a query that finds nothing is searched: the default of --regions.
     "regions_of_negative": 3,
     # From the moment that a machine hangs until a gateway has put it out: docs/results/service/cluster-hung.csv, four workers.
     "out_after_ms": 310,
@@ -171,7 +171,7 @@ class Town:
 
 
 def on_one_machine(constants, workers, clients, seconds, seed=1):
-    """A cluster on loopback, as throughput.py has it: everything shares the machine's processors, each worker has one thread."""
+    """A cluster on loopback, as `study service cluster-throughput` has it: everything shares the machine's processors, each worker has one thread."""
     c = constants
     town = Town(c, seed)
     host = Machine(c["processors"], math.inf)
@@ -198,7 +198,7 @@ def on_one_machine(constants, workers, clients, seconds, seed=1):
         elif what == "arrived":
             pose(job)
         elif job["stage"] == "in":
-            town.at(town.now + 4 * c["road_ms"], "arrived", number)
+            town.at(town.now + 2 * c["road_ms"], "arrived", number)
         elif job["stage"] == "pose":
             free[0] += 1
             if line:
@@ -263,8 +263,8 @@ def of_town(constants, images, rate, machines, seconds=20.0, seed=1):
         if what == "query":
             number = town.count
             kind = town.kind()
-            jobs[number] = {"begun": town.now, "stage": "search", "kind": kind, "left": town.regions(kind), "hung": bool(hanging)}
-            town.at(town.now + c["gateway_ms"] + c["road_ms"], "arrived", number)
+            jobs[number] = {"begun": town.now, "kind": kind, "left": town.regions(kind), "hung": bool(hanging)}
+            town.at(town.now + c["gateway_ms"] + search + c["road_ms"], "arrived", number)
             arrive()
         elif what == "fails":
             dies = town.random.random() < c["failures_a_year"] / (c["failures_a_year"] + c["hangs_a_year"])
@@ -277,14 +277,10 @@ def of_town(constants, images, rate, machines, seconds=20.0, seed=1):
         elif what == "back":
             away.discard(number)
         elif what == "arrived":
-            job = jobs[number]
-            send(number, search if job["stage"] == "search" else town.pose_work(job["kind"]))
+            send(number, town.pose_work(jobs[number]["kind"]))
         else:
             job = jobs[number]
-            if job["stage"] == "search":
-                job["stage"] = "pose"
-            else:
-                job["left"] -= 1
+            job["left"] -= 1
             if job["left"]:
                 town.at(town.now + 2 * c["road_ms"], "arrived", number)
             else:
@@ -399,7 +395,7 @@ def write(folder, name, columns, lines):
 
 
 def costs(path):
-    """The constants for the processor time of queries, from what answer_times.py measured."""
+    """The constants for the processor time of queries, from what `study service answer-times` measured."""
     measured = json.loads(Path(path).read_text())
     for name, key in (("pose", "redkitchen, calibrated, found"), ("negative", "redkitchen, calibrated, not found"),
                       ("unknown_negative", "redkitchen, unknown, not found")):

@@ -213,10 +213,7 @@ def cluster_latency(run):
     for path, took in times.items():
         added = "" if took is alone else f"{statistics.median(with_it - without for with_it, without in zip(took, alone, strict=True)):.1f}"
         table.add([path, len(took), f"{statistics.median(took):.1f}", f"{percentile(sorted(took), 0.95):.1f}", added])
-    for name, cluster in clusters.items():
-        text = metrics(cluster.gateways[0])
-        mean = counter(text, "veiloc_gateway_round_trip_seconds_sum") / max(1.0, counter(text, "veiloc_gateway_round_trip_seconds_count"))
-        print(f"{name}: round trip to a worker without its computation, measured by the gateway: mean {1e3 * mean:.2f} ms")
+    for cluster in clusters.values():
         cluster.stop()
     direct.stop()
 

@@ -324,7 +324,7 @@ class Cluster:
     def between(self, port, workers):
         """The balancer, with the settings of deploy/cluster."""
         ready = lambda: ask(port, "/readyz")[0] == 200
-        settings = self.work / self.balancer
+        settings = self.work / f"{self.balancer}.yaml"
         if self.balancer == "ray":
             command = [self.python, "-m", "veiloc.ray_serve", self.store, "--tokens", self.work / "workers.tokens", "--replicas", workers,
                        "--processors", workers + 1, "--listen", f"127.0.0.1:{port}"]
