@@ -3,7 +3,8 @@
 - Poses from correspondences, with PoseLib's calling convention: `estimate_absolute_pose`, `estimate_absolute_pose_lines`,
   `estimate_absolute_pose_anchored`, and the minimal solvers `p3p`, `p6lp`, `p5lp_radial`, `p6lp_dual_radial`, `up2p`, `u4lp`.
 - The device: `Sealer`, `Session`, `Profile`, `Pack`, and `Client` for a service; `extract` and `obfuscate` for experiments.
-- The server: `Map`; `read_posed` for poses of other programs; `prepare` and `veiloc.ray` to build a map on several machines.
+- The server: `Map`; `read_posed` for poses of other programs; `prepare` and `veiloc.ray` to build a map on several machines,
+  `veiloc.ray_serve` to serve it.
 - Privacy attacks: `attack`, `audit`.
 - `render_room`: a synthetic scene for experiments.
 - `veiloc.hloc`: the last step of hloc, with lines instead of points.

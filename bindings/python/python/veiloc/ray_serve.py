@@ -18,7 +18,6 @@ import hmac
 import json
 import os
 import re
-import signal
 import struct
 import sys
 import time
@@ -295,12 +294,8 @@ def main() -> int:
     count, _, most = args.replicas.partition("-")
     replicas = (int(count), int(most)) if most else int(count)
     served = application(args.store, tokens=args.tokens, replicas=replicas, ingresses=args.ingresses, regions=args.regions)
-    serve.run(served, name="veiloc", route_prefix="/")
-    stop = {signal.SIGINT, signal.SIGTERM}
-    signal.pthread_sigmask(signal.SIG_BLOCK, stop)
-    print(f"regions of {args.store} are served on {args.listen}; Ctrl-C stops it", file=sys.stderr, flush=True)
-    signal.sigwait(stop)
-    serve.shutdown()  # type: ignore[no-untyped-call]
+    print(f"regions of {args.store} will be served on {args.listen}; Ctrl-C stops it", file=sys.stderr, flush=True)
+    serve.run(served, name="veiloc", route_prefix="/", blocking=True)
     return 0
 
 
