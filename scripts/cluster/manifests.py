@@ -94,7 +94,7 @@ def image(example):
     return user, made[2].split()
 
 
-def compose(veiloc, path, user, folders, holds_of):
+def compose(path, user, folders, holds_of):
     where = path.relative_to(ROOT)
     services = yaml.safe_load(path.read_text())["services"]
     for name, service in services.items():
@@ -249,8 +249,8 @@ def main():
     veiloc = pathlib.Path(parser.parse_args().veiloc or target_dir() / "release" / "veiloc").resolve()
     example = settings(veiloc, "veiloc.example.toml", (DEPLOY / "veiloc.example.toml").read_text())
     user, folders = image(example)
-    compose(veiloc, DEPLOY / "compose.yaml", user, folders, lambda where, service: example)
-    compose(veiloc, DEPLOY / "cluster/compose.yaml", user, folders,
+    compose(DEPLOY / "compose.yaml", user, folders, lambda where, service: example)
+    compose(DEPLOY / "cluster/compose.yaml", user, folders,
             lambda where, service: settings(veiloc, where, service["command"], service["environment"]))
     for name in ("kubernetes.yaml", "cluster/kubernetes.yaml"):
         kubernetes(veiloc, name, (DEPLOY / name).read_text(), user)
