@@ -40,6 +40,10 @@ def total(parts, name, labels=""):
     return sum(counter(metrics(part), name, labels) for part in parts)
 
 
+def regions_read(parts, *sources):
+    return sum(total(parts, "veiloc_region_reads_total", f'from="{source}"') for source in sources)
+
+
 def processor_seconds(pids):
     """Processor time of processes that run."""
     ticks = 0
@@ -82,7 +86,7 @@ def chaos_of(run, table, balancer, scene, cluster, clients):
     workers, ray = cluster.workers, balancer == "ray"
 
     def counts():
-        reads = {worker.process.pid: total([worker], "veiloc_region_reads_total") for worker in workers if worker.process.poll() is None}
+        reads = {worker.process.pid: regions_read([worker], "store", "cache") for worker in workers if worker.process.poll() is None}
         return reads, {part.process.pid: total([part], "veiloc_gateway_hedges_total") for part in cluster.gateways}
 
     def inject(what, act):
@@ -249,16 +253,16 @@ def cluster_throughput(run):
         end, spent = time.monotonic(), [processor_seconds(some) for some in pids]
         done = len([1 for started, lasted in clients.times if begin <= started + lasted < end])
         clients.stop()
-        reads = total(cluster.workers, "veiloc_region_reads_total", 'from="store"')
+        reads = regions_read(cluster.workers, "store")
         table.add([workers, f"{done / (end - begin):.1f}", *(f"{1e3 * (now - then) / done:.1f}" for now, then in zip(spent, before, strict=True)),
                    *(f"{value:.0f}" for took in rounds for value in (percentile(took, 0.5), took[-1])), f"{reads:.0f}"])  # fmt: skip
         text = metrics(gateway)
         mean = counter(text, "veiloc_gateway_regions_sum") / max(1.0, counter(text, "veiloc_gateway_regions_count"))
         print(f"  {cluster.regions} regions, {mean:.2f} of them asked per query")
         cluster.stop()
-        points.append({"workers": workers, "clients": 2 * workers + 2, "rate": round(done / (end - begin), 1)})
+        points.append({"workers": workers, "processor_ms": 1e3 * sum(now - then for now, then in zip(spent, before, strict=True)) / done})
     measured = scene.work / "cluster.json"
-    measured.write_text(json.dumps({"constants": {"processors": os.cpu_count()}, "points": points}) + "\n")
+    measured.write_text(json.dumps(points))
     if run.out:
         subprocess.run([sys.executable, ROOT / "research/notes/scale_model.py", "--check", measured, "--csv", run.out / "scale"], check=True)
 

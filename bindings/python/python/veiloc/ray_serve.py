@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import hashlib
 import hmac
 import json
@@ -36,6 +37,8 @@ import veiloc
 PATH = re.compile(r"/v1/maps/([^/]+)/regions/([0-9a-f]{64})/(localize|localize-rig)")
 # Answers have one length, so that it does not tell whether there is a pose.
 LENGTH = 4096
+# Seconds until a query is sent again, to a replica that Ray chooses anew, and how often.
+PATIENCE, TRIES = 3.0, 4
 #: Status and detail of what a worker refuses, by its name.
 PROBLEMS = {
     "unauthenticated": (401, "send a token that this service knows, as `Authorization: Bearer TOKEN`"),
@@ -134,7 +137,13 @@ def application(
             try:
                 near = _near(request.headers.get("veiloc-near"))
                 handle = self.regions.options(multiplexed_model_id=f"{found[1]}/{found[2]}")
-                answer = await handle.localize.remote(await request.body(), found[3] == "localize-rig", near, is_json)
+                asked = (await request.body(), found[3] == "localize-rig", near, is_json)
+                answer: bytes | str = "unreached"
+                for _ in range(TRIES):
+                    # A replica that hangs is replaced by Ray only after some seconds.
+                    with contextlib.suppress(asyncio.TimeoutError):
+                        answer = await asyncio.wait_for(handle.localize.remote(*asked), PATIENCE)
+                        break
             except _Refused as refused:
                 return _refusal(str(refused))
             except BackPressureError:
