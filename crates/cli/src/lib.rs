@@ -54,12 +54,6 @@ enum Command {
     Localize(commands::localize::Args),
     /// Serve maps over HTTP: sealed queries in, poses out.
     Serve(commands::serve::Args),
-    /// Hold regions of a published map, for a service on several machines.
-    #[cfg(feature = "cluster")]
-    Worker(commands::worker::Args),
-    /// Hold regions of a published map (needs the cargo feature `cluster`).
-    #[cfg(not(feature = "cluster"))]
-    Worker(commands::missing_feature::Args),
     /// Create, list and revoke tokens of a service.
     #[command(subcommand)]
     Token(commands::token::Command),
@@ -109,12 +103,6 @@ pub fn run(command_line: impl IntoIterator<Item = OsString>) -> u8 {
             Command::Serve(_) => {
                 commands::serve::run(matches.subcommand().map_or(&matches, |(_, serve)| serve), &ui)
             }
-            #[cfg(feature = "cluster")]
-            Command::Worker(_) => {
-                commands::worker::run(matches.subcommand().map_or(&matches, |(_, worker)| worker), &ui)
-            }
-            #[cfg(not(feature = "cluster"))]
-            Command::Worker(args) => commands::missing_feature::run(args, "worker", "cluster"),
             Command::Token(command) => commands::token::run(command, &ui),
             Command::Query(command) => commands::query::run(command, &ui),
             Command::Eval(command) => commands::eval::run(command, &ui),

@@ -2,8 +2,6 @@
 
 pub(crate) mod attack;
 pub(crate) mod audit;
-#[cfg(feature = "cluster")]
-mod cluster_args;
 mod coordinate_frame_check;
 pub(crate) mod demo;
 mod device_args;
@@ -26,18 +24,15 @@ mod rig_file;
 pub(crate) mod seal;
 pub(crate) mod serve;
 mod session_args;
+#[cfg(feature = "cluster")]
+mod store_args;
 pub(crate) mod synth;
 pub(crate) mod token;
 mod with_config;
-#[cfg(feature = "cluster")]
-pub(crate) mod worker;
 
 use crate::args::settings::layered;
 
-/// Prepares the command line of `serve` and `worker`, which is parsed before the settings file and variables are read.
+/// Prepares the command line of `serve`, which is parsed before the settings file and variables are read.
 pub(crate) fn prepare_layered(command: clap::Command) -> clap::Command {
-    let command = command.mut_subcommand("serve", layered);
-    #[cfg(feature = "cluster")]
-    let command = command.mut_subcommand("worker", layered);
-    command
+    command.mut_subcommand("serve", layered)
 }

@@ -7,23 +7,17 @@ use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Duration;
 
-#[cfg(feature = "cluster")]
-use veiloc_cluster::{Gateway, GatewayOptions, RateExchangeOptions, share_rates};
-#[cfg(feature = "cluster")]
-use veiloc_service::telemetry::GatewayCounts;
 use veiloc_service::{
     CorsOrigin, GeoReference, ListenAddress, MapSource, RateLimit, ServerOptions, ShutdownSummary, TlsFiles,
     run_prepared,
 };
-#[cfg(feature = "cluster")]
-use veiloc_service::{RemoteMap, SharedRates};
 
 use crate::args::localization_args::{not_negative, positive};
-#[cfg(feature = "cluster")]
-use crate::commands::cluster_args::ClusterArgs;
 use crate::commands::logger::{LogArgs, Logger};
 use crate::commands::map_memory::Memory;
 use crate::commands::page_args::{PageConfig, page};
+#[cfg(feature = "cluster")]
+use crate::commands::store_args::StoreArgs;
 use crate::commands::with_config::run_with_config;
 use crate::output::exit::{Exit, Failure, Outcome};
 use crate::output::ui::Ui;
@@ -47,7 +41,7 @@ pub(crate) struct Args {
     #[arg(long)]
     print_config: bool,
     /// A map and the name under which it is served; may be given several times.
-    #[arg(long = "map", required_unless_present_any = ["folder", "cluster"], value_name = "NAME=FILE")]
+    #[arg(long = "map", required_unless_present_any = ["folder", "store"], value_name = "NAME=FILE")]
     maps: Vec<NamedMap>,
     /// Folder whose files NAME.vmap are served as NAME; added and removed files are noticed.
     #[arg(long = "maps", value_name = "DIR")]
@@ -65,34 +59,13 @@ pub(crate) struct Args {
     /// must not be written or truncated while it is served.
     #[arg(long, value_enum, default_value_t = Memory::Copied, value_name = "WHERE")]
     map_memory: Memory,
-    /// NATS servers of the cluster, separated by commas: queries for the maps of --cluster-map go to workers, and
-    /// --workers is the number of concurrent queries. Default: no cluster.
-    #[cfg_attr(feature = "cluster", arg(long, requires = "cluster_maps", value_name = "URL[,URL]"))]
-    #[cfg_attr(not(feature = "cluster"), arg(long, hide = true, value_name = "URL[,URL]"))]
-    cluster: Option<String>,
-    /// A published map that workers hold, served under its name; may be given several times. Default: none.
-    #[cfg_attr(
-        feature = "cluster",
-        arg(long = "cluster-map", requires = "cluster", value_parser = crate::commands::cluster_args::map_name, value_name = "NAME")
-    )]
-    #[cfg_attr(
-        not(feature = "cluster"),
-        arg(long = "cluster-map", requires = "cluster", hide = true, value_name = "NAME")
-    )]
-    cluster_maps: Vec<String>,
-    /// Maximum number of regions per query, with --cluster.
-    #[cfg(feature = "cluster")]
-    #[arg(long, default_value = "3", value_name = "N")]
-    cluster_regions: NonZeroUsize,
-    /// With --cluster, --rate holds over all gateways. What another gateway is taken to accept that fell silent without
-    /// leaving, because it died or the network is divided: `open` nothing, so that a token may send --rate to each side;
-    /// `closed` as much as this one, for ten minutes, so that a token gets less after a gateway died.
-    #[cfg(feature = "cluster")]
-    #[arg(long, value_enum, default_value_t = RateFail::Open, value_name = "HOW")]
-    rate_fail: RateFail,
     #[cfg(feature = "cluster")]
     #[command(flatten)]
-    machines: ClusterArgs,
+    from_store: StoreArgs,
+    /// Object store of published maps (needs the cargo feature `cluster`).
+    #[cfg(not(feature = "cluster"))]
+    #[arg(long, hide = true, value_name = "URL")]
+    store: Option<String>,
     /// Address with a port (0 for any free one) or a Unix socket to listen on; may be given several times.
     #[arg(long, default_value = "127.0.0.1:8080", value_name = "ADDR:PORT|unix:PATH")]
     listen: Vec<ListenAddress>,
@@ -129,17 +102,16 @@ pub(crate) struct Args {
     /// Accept requests without token, beyond loopback too.
     #[arg(long, conflicts_with = "tokens")]
     allow_anonymous: bool,
-    /// Requests per second for each token; without tokens, for all clients together. With --cluster it holds over all
-    /// gateways.
+    /// Requests per second for each token; without tokens, for all clients together.
     #[arg(long, default_value = "20", value_name = "N")]
     rate: NonZeroU32,
     /// Burst size: requests at once after a pause. Default: the number allowed per second.
     #[arg(long, value_name = "N")]
     burst: Option<NonZeroU32>,
-    /// Worker threads for localization. Default: one per core; with --cluster 64, one per concurrent query.
+    /// Threads that localize. Default: one per core.
     #[arg(long, value_name = "N")]
-    workers: Option<NonZeroUsize>,
-    /// Maximum number of queries that wait for a worker; further queries are refused with 503.
+    threads: Option<NonZeroUsize>,
+    /// Maximum number of queries that wait for a thread; further queries are refused with 503.
     #[arg(long, default_value = "32", value_name = "N")]
     queue: NonZeroUsize,
     /// Maximum number of connections. A new connection beyond it evicts an idle one, unauthenticated ones first.
@@ -195,14 +167,6 @@ pub(crate) struct Args {
     otlp: Option<String>,
 }
 
-/// What a gateway is taken to accept of which nothing is known.
-#[cfg(feature = "cluster")]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum RateFail {
-    Open,
-    Closed,
-}
-
 /// The mode of a file, in octal digits.
 #[derive(Debug, Clone, Copy)]
 struct Mode(u32);
@@ -247,12 +211,19 @@ fn serve(args: &Args, ui: &Ui) -> Outcome {
     let logger = Logger::start(&args.log, ui.is_quiet())?;
     options.log = Some(logger.log.clone());
     let scheme = if options.tls.is_some() { "https" } else { "http" };
-    let ended = run_prepared(with_cluster(args, options), |listening| {
+    #[cfg(feature = "cluster")]
+    let serves_regions = args.from_store.serves_regions();
+    #[cfg(not(feature = "cluster"))]
+    let serves_regions = false;
+    let ended = run_prepared(with_store(args, options), |listening| {
         if let Some(admin) = listening.admin {
             logger.info(format!("probes and metrics on http://{admin}"));
         }
-        let names =
-            if listening.maps.is_empty() { "no map yet".to_owned() } else { listening.maps.join(", ") };
+        let names = match listening.maps[..] {
+            [] if serves_regions => "regions".to_owned(),
+            [] => "no map yet".to_owned(),
+            _ => listening.maps.join(", "),
+        };
         for address in &listening.addresses {
             match address {
                 ListenAddress::Tcp(address) => {
@@ -296,43 +267,18 @@ fn serve(args: &Args, ui: &Ui) -> Outcome {
     Ok(exit)
 }
 
-/// Connects to the cluster and adds the maps that its workers hold.
+/// Adds the regions or maps of the store.
 #[cfg(feature = "cluster")]
-async fn with_cluster(args: &Args, mut options: ServerOptions) -> Result<ServerOptions, Failure> {
-    let Some(servers) = &args.cluster else { return Ok(options) };
-    let source = args.machines.source()?;
-    let bus = args.machines.bus(servers, "veiloc gateway").await?;
-    let counts = GatewayCounts::default();
-    for name in &args.cluster_maps {
-        let mut gateway = GatewayOptions::new(name);
-        gateway.regions = args.cluster_regions.get();
-        gateway.watch = Duration::from_secs_f64(args.watch.min(86_400.0));
-        let gateway = Gateway::start(bus.clone(), source.clone(), gateway, counts.clone()).await?;
-        options.remote_maps.push(RemoteMap { name: name.clone(), backend: Arc::new(gateway) });
-    }
-    let rates = SharedRates::default();
-    let mut exchange = RateExchangeOptions::default();
-    exchange.count_silent = args.rate_fail == RateFail::Closed;
-    // It runs until the program ends.
-    let _running = share_rates(&bus, rates.clone(), exchange, counts.clone()).await?;
-    options.shared_rates = Some(rates);
-    options.gateway = Some(counts);
-    if args.workers.is_none() {
-        options.workers = CONCURRENT_QUERIES;
-    }
-    Ok(options)
+async fn with_store(args: &Args, options: ServerOptions) -> Result<ServerOptions, Failure> {
+    args.from_store.add_to(options, Duration::from_secs_f64(args.watch.min(86_400.0))).await
 }
 
-/// Default number of concurrent queries of a gateway: each needs a sleeping thread.
-#[cfg(feature = "cluster")]
-const CONCURRENT_QUERIES: NonZeroUsize = NonZeroUsize::MIN.saturating_add(63);
-
-/// Without the cargo feature, maps of workers are refused.
+/// Without the cargo feature, a store is refused.
 #[cfg(not(feature = "cluster"))]
 #[expect(clippy::unused_async, reason = "same signature as with the feature")]
-async fn with_cluster(args: &Args, options: ServerOptions) -> Result<ServerOptions, Failure> {
-    match args.cluster {
-        Some(_) => Err(crate::commands::missing_feature::error("veiloc serve --cluster", "cluster")),
+async fn with_store(args: &Args, options: ServerOptions) -> Result<ServerOptions, Failure> {
+    match args.store {
+        Some(_) => Err(crate::commands::missing_feature::error("veiloc serve --store", "cluster")),
         None => Ok(options),
     }
 }
@@ -355,8 +301,8 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     options.tokens_max_stale = Duration::from_secs_f64(args.tokens_max_stale.min(86_400.0 * 365.0));
     options.allow_anonymous = args.allow_anonymous;
     options.rate = RateLimit { per_second: args.rate, burst: args.burst.unwrap_or(args.rate) };
-    if let Some(workers) = args.workers {
-        options.workers = workers;
+    if let Some(threads) = args.threads {
+        options.threads = threads;
     }
     options.queue = args.queue;
     options.connections = args.connections;

@@ -45,6 +45,10 @@ pub(crate) struct NewArgs {
     /// The token may also read the metrics, which cover every map.
     #[arg(long)]
     operator: bool,
+    /// The token is of a gateway (`serve --workers`), which limits the rates of its clients itself: without a limit and without
+    /// the delay of --answer-quantum, and its word is taken for which client a query comes from.
+    #[arg(long)]
+    gateway: bool,
     /// File to write the token to, readable by its owner only. Default: stdout.
     #[arg(long, short, value_name = "FILE")]
     out: Option<OutFile>,
@@ -105,6 +109,7 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
         |error: &dyn std::fmt::Display| Failure::refused(format!("{}: {error}", args.tokens.display()));
     let mut entry = TokenEntry::new(&args.name, secret.key()).map_err(Failure::refused)?;
     entry.operator = args.operator;
+    entry.gateway = args.gateway;
     entry.expires = expires;
     if !args.maps.is_empty() {
         entry.grant_maps(args.maps.iter().map(String::as_str)).map_err(Failure::refused)?;
@@ -117,9 +122,10 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
     }
     file.replace(&text).map_err(write_error)?;
     let permissions = describe_permissions(&entry);
+    let use_by = if args.gateway { "serve --worker-token" } else { "query send --token-file" };
     if let Some(out) = &args.out {
         ui.info(format_args!(
-            "{} may send requests{permissions}. The token is in {}; send it by `veiloc query send --token-file`.",
+            "{} may send requests{permissions}. The token is in {}; send it by `veiloc {use_by}`.",
             args.name,
             out.display()
         ));
@@ -127,8 +133,8 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
         ui.print(format_args!("{}\n", secret.reveal()));
         ui.info(format_args!(
             "{} may send requests{permissions}. The line above is the token: it is not stored anywhere, so save it \
-             now.\nSend it as `Authorization: Bearer TOKEN`, or save it in a file for `veiloc query send \
-             --token-file`; --out writes a file that only its owner can read.",
+             now.\nSend it as `Authorization: Bearer TOKEN`, or save it in a file for `veiloc {use_by}`; --out \
+             writes a file that only its owner can read.",
             args.name
         ));
     }
@@ -171,10 +177,12 @@ fn describe_permissions(entry: &TokenEntry) -> String {
     if entry.operator {
         text += ", and read the metrics";
     }
+    if entry.gateway {
+        text += ", as a gateway";
+    }
     text
 }
 
-/// A listed token.
 /// A token.
 #[derive(Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -185,6 +193,8 @@ struct ListedToken {
     hash: String,
     /// Whether it may read the metrics.
     operator: bool,
+    /// Whether it is of a gateway.
+    gateway: bool,
     /// Names of the maps that it gives access to; null for all.
     maps: Option<Vec<String>>,
     /// Expiry, `2027-01-31T00:00:00Z`; null for never.
@@ -210,6 +220,7 @@ fn list(args: &ListArgs, ui: &Ui) -> Outcome {
         name: entry.name().to_owned(),
         hash: entry.key().beginning(),
         operator: entry.operator,
+        gateway: entry.gateway,
         maps: entry.maps().map(|maps| maps.map(str::to_owned).collect()),
         expires: entry.expires.map(|end| end.to_string()),
         expired: entry.has_expired(now),
@@ -231,7 +242,8 @@ fn list(args: &ListArgs, ui: &Ui) -> Outcome {
             (Some(end), true) => format!("expired {end}"),
         };
         let operator = if token.operator { "  operator" } else { "" };
-        ui.print(format_args!("{:width$}  {}…  {maps}  {end}{operator}\n", token.name, token.hash));
+        let gateway = if token.gateway { "  gateway" } else { "" };
+        ui.print(format_args!("{:width$}  {}…  {maps}  {end}{operator}{gateway}\n", token.name, token.hash));
     }
     Ok(Exit::Success)
 }

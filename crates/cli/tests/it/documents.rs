@@ -152,7 +152,7 @@ fn json_reference_is_current() {
 fn documentation_check_detects_differences() {
     let attack = &tables()["attack"];
     let row = json!({
-        "scheme": "dcl", "attack": "graph", "corrupt": 0, "images": 1, "mean_px": 1, "median_px": 1, "under_5px": 1,
+        "scheme": "dcl", "attack": "graph", "corrupt": 0, "images": 1, "keypoints": 1, "mean_px": 1, "median_px": 1, "under_5px": 1,
         "under_10px": 1, "under_30px": 1, "bits_over_prior": 1, "ms": 1
     });
     let document = json!({

@@ -24,7 +24,7 @@ fn example_file_round_trips() {
         "admin-listen = \"127.0.0.1:9100\" # ",
         "drain-delay = 5.0 # ",
         "queue = 32 # default\n",
-        "# workers is not given: one per core; with --cluster 64, one per concurrent query\n",
+        "# threads is not given: one per core\n",
     ] {
         assert!(printed.stdout.contains(line), "{line}\n{printed}");
     }
@@ -70,47 +70,44 @@ fn settings_errors_name_line_before_any_file_is_opened() {
     assert!(run.code == Some(1) && run.stderr.contains("none.toml"), "{run}");
 }
 
-/// A password of the bus, or a key in the address of a store, is never printed or logged.
+/// A login in the address of a worker or of a collector, or a key in that of a store, is never printed or logged.
 #[test]
 fn secrets_of_addresses_are_never_printed() {
     let folder = folder();
     std::fs::create_dir(folder.path("objects")).expect("a folder");
-    let nats = "tls://worker-town:sEcReT@127.0.0.1:1,nats://worker-town:sEcReT@127.0.0.1:2";
-    let file = |more: &str| format!("nats = \"{nats}\"\nmap = \"town\"\ncache = \"cache\"\n{more}");
-    folder.write("worker.toml", file("store = \"objects\"\n"));
-    let printed = folder.run("worker --config worker.toml --print-config").succeeded();
-    let masked = "nats = \"tls://worker-town:***@127.0.0.1:1,nats://worker-town:***@127.0.0.1:2\" # worker.toml, line 1; \
-                  write the secret in place of ***\n";
+    let worker = "http://me:sEcReT@127.0.0.1:1";
+    let file =
+        |more: &str| format!("workers = [\"{worker}\"]\npublished = [\"town\"]\ncache = \"cache\"\n{more}");
+    folder.write("gateway.toml", file("store = \"objects\"\n"));
+    let printed = folder.run("serve --config gateway.toml --print-config").succeeded();
+    let masked = "workers = [\"http://me:***@127.0.0.1:1\"] # gateway.toml, line 1; write the secret in place of ***\n";
     assert!(printed.stdout.contains(masked), "{printed}");
-    // It can be read again, and an unfilled secret gives an error.
+    // It can be read again. A worker is not asked with a login: it gets a token.
     folder.write("again.toml", &printed.stdout);
-    let again = folder.run("worker --config again.toml --print-config").succeeded();
+    let again = folder.run("serve --config again.toml --print-config").succeeded();
     assert_eq!(values(&again.stdout), values(&printed.stdout));
-    let unfilled = folder.run("worker --config again.toml");
-    assert!(unfilled.code == Some(1) && unfilled.stderr.contains("--print-config"), "{unfilled}");
+    let refused = folder.run("serve --config again.toml");
+    assert!(refused.code == Some(1) && refused.stderr.contains("--worker-token"), "{refused}");
 
     folder.write("key.toml", file("store = \"s3://key:sEcReT@bucket/maps\"\n"));
     folder.write("wrong.toml", file("store = \"objects\"\nqueue = \"many\"\n"));
-    folder.write("torn.toml", format!("nats = \"{nats}\n"));
-    let mut of_variables = folder.command("worker --print-config --store objects --map town");
-    let mut help = folder.command("worker --help");
+    folder.write("torn.toml", format!("workers = [\"{worker}\n"));
+    let mut of_variables = folder.command("serve --print-config --store objects --published town");
+    let mut help = folder.command("serve --help");
     for command in [&mut of_variables, &mut help] {
-        command.env("VEILOC_NATS", nats);
+        command.env("VEILOC_WORKERS", worker);
     }
     let mut message =
         vec![of_variables.output().expect("the binary runs"), help.output().expect("the binary runs")];
     for line in [
-        "worker --config worker.toml --log trace",
-        "worker --config worker.toml --log trace --log-json",
-        "worker --config key.toml",
-        "worker --config key.toml --print-config",
-        "worker --config wrong.toml",
-        "worker --config torn.toml",
-        &format!(
-            "serve --cluster {nats} --cluster-map town --store objects --cache cache --listen 127.0.0.1:0 --log trace"
-        ),
-        &format!("serve --cluster {nats} --cluster-map town --print-config"),
-        &format!("worker --nats={nats} --map a/b --store objects"),
+        "serve --config gateway.toml --log trace",
+        "serve --config gateway.toml --log trace --log-json",
+        "serve --config key.toml",
+        "serve --config key.toml --print-config",
+        "serve --config wrong.toml",
+        "serve --config torn.toml",
+        "serve --store s3://key:sEcReT@bucket/maps --cache cache",
+        "serve --maps . --otlp http://me:sEcReT@host --print-config",
         "map fetch s3://key:sEcReT@bucket/maps town --out out",
         "map fetch s3://key:sEcReT@bu^cket:x/maps town --out out",
     ] {
@@ -123,24 +120,30 @@ fn secrets_of_addresses_are_never_printed() {
     }
 }
 
-/// A worker needs no command line: required options may come from a file or from variables.
+/// A gateway says at its start what is missing; it needs no command line.
 #[test]
-fn a_worker_starts_from_a_file_or_from_variables_alone() {
+fn gateway_starts_from_a_file_or_from_variables_alone() {
     let folder = folder();
-    folder.write(
-        "worker.toml",
-        "nats = \"nats://127.0.0.1:1\"\nmap = \"town\"\nstore = \"objects\"\ncache = \"cache\"\n",
-    );
     std::fs::create_dir(folder.path("objects")).expect("a folder");
-    let started = folder.run("worker --config worker.toml");
-    assert!(started.stderr.contains("no NATS server at nats://127.0.0.1:1"), "{started}");
+    folder.write(
+        "gateway.toml",
+        "workers = [\"http://127.0.0.1:1\"]\npublished = [\"town\"]\nstore = \"objects\"\ncache = \"cache\"\n",
+    );
+    let started = folder.run("serve --config gateway.toml");
+    assert!(started.code == Some(1) && started.stderr.contains("nothing is there"), "{started}");
 
-    let mut command = folder.command("worker --store objects --cache cache");
-    command.envs([("VEILOC_NATS", "nats://127.0.0.1:1"), ("VEILOC_MAP", "town")]);
+    let mut command = folder.command("serve --store objects --cache cache");
+    command.envs([("VEILOC_WORKERS", "http://127.0.0.1:1"), ("VEILOC_PUBLISHED", "town")]);
     let output = command.output().expect("the binary runs");
     let stderr = String::from_utf8_lossy(&output.stderr);
-    assert!(stderr.contains("no NATS server at nats://127.0.0.1:1"), "{stderr}");
+    assert!(stderr.contains("nothing is there"), "{stderr}");
 
-    let missing = folder.run("worker --store objects --cache cache --map town");
-    assert!(missing.stderr.contains("--nats"), "{missing}");
+    for (flags, missing) in [
+        ("--store objects --workers http://127.0.0.1:1", "--published"),
+        ("--published town --workers http://127.0.0.1:1", "--store"),
+        ("--store objects --published town", "--workers"),
+    ] {
+        let run = folder.run(&format!("serve {flags}"));
+        assert!(run.code == Some(2) && run.stderr.contains(missing), "{flags}: {run}");
+    }
 }

@@ -59,25 +59,16 @@ mod serve;
 pub mod telemetry;
 pub mod web_page;
 
-/// For programs that localize without HTTP, such as the workers of a cluster: thread pool, panic handling, probes and
-/// signals of the service.
-pub mod worker_api {
-    pub use crate::queue::pool::{JobSpec, Pool, Rejected};
-    pub use crate::serve::admin::{HealthProbe, probes};
-    pub use crate::serve::signals::{Controllable, Signals};
-    pub use crate::telemetry::panics::{hide_panic_messages, mark_service_thread, with_request};
-}
-
 pub use crate::http::{ListenAddress, TlsFiles};
 pub use crate::telemetry::{LogLine, LogQueue};
 pub use error::ServerError;
 pub use http::origin::{CorsOrigin, InvalidOrigin};
 pub use http::problem::ProblemDocument;
 pub use maps::geo_reference::GeoReference;
+pub use maps::regions::{OpenRegion, RegionFailure, RegionFuture, RegionSource, Regions};
 pub use maps::remote::{AnswerFuture, MapDescription, RemoteBackend, RemoteMap, RemoteRequest};
 pub use options::{MapSource, RateLimit, ServerOptions, Timeouts};
-pub use queue::clock::Clock;
-pub use queue::rates::SharedRates;
+pub use queue::clock::{Clock, Gate};
 pub use routes::decoded_request::{BodyKind, DecodedRequest, LocalizeFailure, NoPose};
 pub use routes::openapi_json;
 pub use serve::signals::{run_prepared, run_until_signal};

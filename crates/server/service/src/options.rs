@@ -15,9 +15,9 @@ use veiloc_map::is_map_name;
 use crate::error::ServerError;
 use crate::http::origin::CorsOrigin;
 use crate::maps::geo_reference::GeoReference;
+use crate::maps::regions::Regions;
 use crate::maps::remote::RemoteMap;
-use crate::queue::clock::Clock;
-use crate::queue::rates::SharedRates;
+use crate::queue::clock::{Clock, Gate};
 use crate::telemetry::{GatewayCounts, LogQueue};
 
 /// A map file and the name under which it is served.
@@ -95,10 +95,12 @@ pub struct ServerOptions {
     pub listen: Vec<ListenAddress>,
     /// File mode of Unix sockets, which controls who may connect.
     pub socket_mode: u32,
-    /// Map files to serve. At least one, unless there is a maps folder or a remote map.
+    /// Map files to serve. At least one, unless there is a maps folder, a remote map or regions.
     pub maps: Vec<MapSource>,
-    /// Maps of remote backends. [`Self::workers`] then bounds the number of remote queries in flight.
+    /// Maps of remote backends.
     pub remote_maps: Vec<RemoteMap>,
+    /// Regions of published maps (`/v1/maps/{name}/regions/{region}/localize`). `None`: none are served.
+    pub regions: Option<Regions>,
     /// A folder whose files `NAME.vmap` are also served, each as `NAME`. Added and removed files are followed.
     pub maps_folder: Option<PathBuf>,
     /// Where maps are on earth, for `POST /geopose`. A map without one answers no GeoPose request.
@@ -121,11 +123,8 @@ pub struct ServerOptions {
     pub allow_anonymous: bool,
     /// Rate limit of each token; without tokens, of all requests together.
     pub rate: RateLimit,
-    /// Counts of what clients spend at other gateways, so that [`Self::rate`] holds over all of them. `None`: it holds for
-    /// this service alone.
-    pub shared_rates: Option<SharedRates>,
     /// Threads that localize. Default: one per core.
-    pub workers: NonZeroUsize,
+    pub threads: NonZeroUsize,
     /// Maximum length of the queue; a further query is refused with 503. 32 queries wait about a second on two cores.
     pub queue: NonZeroUsize,
     /// Maximum number of open connections. A further connection evicts an idle one, unauthenticated ones first.
@@ -152,6 +151,9 @@ pub struct ServerOptions {
     pub answer_quantum: Duration,
     /// Clock of rate limits and of estimated waiting times. Default: the clock of the system.
     pub clock: Clock,
+    /// For tests; `None`: no gate.
+    #[doc(hidden)]
+    pub gate: Option<Gate>,
     /// How often map, token and certificate files and the maps folder are checked for changes; `None`: never. A
     /// revoked token is refused after this time at the latest.
     pub watch: Option<Duration>,
@@ -173,6 +175,7 @@ impl ServerOptions {
             socket_mode: 0o660,
             maps,
             remote_maps: Vec::new(),
+            regions: None,
             maps_folder: None,
             geo_references: Vec::new(),
             map_memory: MapMemory::default(),
@@ -183,8 +186,7 @@ impl ServerOptions {
             tokens_max_stale: Duration::from_secs(300),
             allow_anonymous: false,
             rate: RateLimit { per_second: DEFAULT_RATE, burst: DEFAULT_RATE },
-            shared_rates: None,
-            workers: std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN),
+            threads: std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN),
             queue: NonZeroUsize::MIN.saturating_add(31),
             connections: NonZeroUsize::MIN.saturating_add(1023),
             connections_per_address: NonZeroUsize::MIN.saturating_add(127),
@@ -196,6 +198,7 @@ impl ServerOptions {
             timeouts: Timeouts::default(),
             answer_quantum: ANSWER_QUANTUM,
             clock: Clock::default(),
+            gate: None,
             watch: Some(Duration::from_secs(2)),
             localize: LocalizeOptions::default(),
             page: None,
@@ -208,7 +211,7 @@ impl ServerOptions {
     pub(crate) fn check(&self) -> Result<(), ServerError> {
         let local = self.maps.iter().map(|map| &map.name);
         let names: Vec<&String> = local.chain(self.remote_maps.iter().map(|map| &map.name)).collect();
-        if names.is_empty() && self.maps_folder.is_none() {
+        if names.is_empty() && self.maps_folder.is_none() && self.regions.is_none() {
             return Err(ServerError::NoMap);
         }
         for (i, name) in names.iter().enumerate() {

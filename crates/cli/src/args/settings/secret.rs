@@ -6,7 +6,7 @@ pub(super) const MASK: &str = "***";
 /// Masks the secrets of a text. In an `address` everything that may be a secret is masked; in other texts only a login
 /// before a host.
 ///
-/// For each address of a comma-separated list this masks the password (`nats://USER:PASSWORD@HOST`), or everything
+/// For each address of a comma-separated list this masks the password (`http://USER:PASSWORD@HOST`), or everything
 /// before the `@` if there is no separate user, and the whole query string (`?key=…`).
 pub(super) fn masked(text: &str, address: bool) -> String {
     let parts: Vec<String> = text.split(',').map(|part| masked_part(part, address)).collect();
@@ -43,14 +43,14 @@ mod tests {
     #[test]
     fn only_secrets_of_addresses_are_masked() {
         for (address, shown) in [
-            ("tls://gateway:secret@nats-0:4222", "tls://gateway:***@nats-0:4222"),
+            ("https://gateway:secret@host-0:4222", "https://gateway:***@host-0:4222"),
             (
-                "nats://a:secret@b:1, nats://c:secret@d:2,nats://e:3",
-                "nats://a:***@b:1, nats://c:***@d:2,nats://e:3",
+                "http://a:secret@b:1, http://c:secret@d:2,http://e:3",
+                "http://a:***@b:1, http://c:***@d:2,http://e:3",
             ),
-            ("gateway:secret@nats-0:4222", "gateway:***@nats-0:4222"),
-            ("nats://secret@host", "nats://***@host"),
-            ("nats://user:sec@ret/secret@host", "nats://user:***@host"),
+            ("gateway:secret@host-0:4222", "gateway:***@host-0:4222"),
+            ("http://secret@host", "http://***@host"),
+            ("http://user:sec@ret/secret@host", "http://user:***@host"),
             ("s3://key:secret@bucket/maps", "s3://key:***@bucket/maps"),
             ("https://collector:4318/in?key=secret", "https://collector:4318/in?***"),
             ("https://me:secret@host/?key=secret", "https://me:***@host/?***"),
@@ -59,7 +59,7 @@ mod tests {
             assert_eq!(masked(shown, true), shown, "masking is idempotent");
         }
         for plain in [
-            "nats://a:4222,tls://b:4222",
+            "http://a:4222,https://b:4222",
             "s3://bucket/maps",
             "/srv/maps@home:2",
             "./a:b@c",
@@ -72,6 +72,6 @@ mod tests {
         for plain in ["lobby=/maps/a:b@c.vmap", "1.5,-2,3,0.25", "what?key"] {
             assert_eq!(masked(plain, false), plain);
         }
-        assert_eq!(masked("x=tls://me:secret@host?a", false), "x=tls://me:***@host?a");
+        assert_eq!(masked("x=https://me:secret@host?a", false), "x=https://me:***@host?a");
     }
 }

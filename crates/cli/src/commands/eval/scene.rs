@@ -74,7 +74,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "TIMES", value_parser = above_one)]
     compress: Option<f64>,
     /// Split the map into regions of at most N images, as `veiloc map split --images` does, and localize each query in
-    /// up to three regions that hold the images which the whole map would retrieve, as `veiloc serve --cluster` does.
+    /// up to three regions that hold the images which the whole map would retrieve, as `veiloc serve --workers` does.
     /// Default: the map is not split.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     regions: Option<u32>,

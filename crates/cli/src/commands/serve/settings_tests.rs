@@ -21,23 +21,21 @@ const VALUES: &[(&str, &str, &str)] = &[
     ("packs", "true", "true"),
     ("map-memory", "\"mapped\"", "mapped"),
     #[cfg(feature = "cluster")]
-    ("cluster", "\"nats://a:4222,nats://b:4222\"", "nats://a:4222,nats://b:4222"),
-    #[cfg(feature = "cluster")]
-    ("cluster-map", "[\"town\"]", "town"),
-    #[cfg(feature = "cluster")]
-    ("cluster-regions", "2", "2"),
-    #[cfg(feature = "cluster")]
-    ("rate-fail", "\"closed\"", "closed"),
-    #[cfg(feature = "cluster")]
     ("store", "\"s3://bucket/maps\"", "s3://bucket/maps"),
     #[cfg(feature = "cluster")]
     ("cache", "\"/cache\"", "/cache"),
     #[cfg(feature = "cluster")]
     ("cache-gb", "7.5", "7.5"),
     #[cfg(feature = "cluster")]
-    ("nats-ca", "\"/nats.pem\"", "/nats.pem"),
+    ("workers", "[\"http://a:8080\", \"https://b\"]", "http://a:8080;https://b"),
     #[cfg(feature = "cluster")]
-    ("nats-credentials", "\"/nats.creds\"", "/nats.creds"),
+    ("published", "[\"town\"]", "town"),
+    #[cfg(feature = "cluster")]
+    ("worker-token", "\"/gateway.token\"", "/gateway.token"),
+    #[cfg(feature = "cluster")]
+    ("worker-ca", "\"/workers.pem\"", "/workers.pem"),
+    #[cfg(feature = "cluster")]
+    ("regions", "2", "2"),
     ("listen", "[\"127.0.0.1:9000\", \"unix:/v.sock\"]", "127.0.0.1:9000;unix:/v.sock"),
     ("socket-mode", "\"600\"", "600"),
     ("admin-listen", "\"127.0.0.1:9001\"", "127.0.0.1:9001"),
@@ -51,7 +49,7 @@ const VALUES: &[(&str, &str, &str)] = &[
     ("allow-anonymous", "true", "true"),
     ("rate", "7", "7"),
     ("burst", "8", "8"),
-    ("workers", "3", "3"),
+    ("threads", "3", "3"),
     ("queue", "9", "9"),
     ("connections", "10", "10"),
     ("connections-per-address", "11", "11"),

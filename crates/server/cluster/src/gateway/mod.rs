@@ -1,32 +1,35 @@
 //! The gateway: sends a query to the regions where it may have been taken, and returns the best of their poses.
 //!
-//! It holds no map. It follows the published manifests and activates a new one as soon as each of its regions has a worker.
-//! A query in flight stays with the manifest it began with, unless a region of that has no worker left. The gateway is ready
-//! while each region of the active manifest has a worker.
+//! It holds the retrieval index of a map and no region. It follows the published manifests; a query in flight stays with the
+//! manifest it began with, unless no worker has its regions any more.
 
-mod dispatch;
+mod reply;
 mod select;
+mod workers;
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError, RwLock, Weak};
+use std::num::{NonZeroU64, NonZeroUsize};
+use std::sync::{Arc, PoisonError, RwLock, Weak};
 use std::time::Duration;
 
-use crate::bus::Bus;
 use bytes::Bytes;
 use futures_util::future::join_all;
+use reqwest::header::{ACCEPT, CONTENT_TYPE, HeaderMap, HeaderName, HeaderValue};
 use tokio::time::Instant;
-use veiloc_map::MapError;
-use veiloc_map::regions::{DEFAULT_SEARCHED_REGIONS, Manifest, ObjectId, RegionFolder, search_rounds};
+use veiloc_localization::LocalizeOptions;
+use veiloc_map::regions::{DEFAULT_SEARCHED_REGIONS, Manifest, ObjectId, RegionIndex, search_rounds};
+use veiloc_map::{MapError, MapMemory};
 use veiloc_protocol::{Answer, Profile};
 use veiloc_service::auth::Lane;
-use veiloc_service::telemetry::{GatewayCounts, RequestContext};
-use veiloc_service::{AnswerFuture, LocalizeFailure, MapDescription, RemoteBackend, RemoteRequest};
+use veiloc_service::queue::{JobSpec, Pool, Rejected};
+use veiloc_service::telemetry::{GatewayCounts, RequestContext, RequestId};
+use veiloc_service::{
+    AnswerFuture, BodyKind, Clock, LocalizeFailure, MapDescription, RemoteBackend, RemoteRequest,
+};
 
-use self::dispatch::{Dispatcher, ObjectRequest};
 use crate::ClusterError;
-use crate::manifest_source::{ManifestSource, PublishedManifest};
-use crate::members::{Members, Role};
-use crate::message::{Candidate, FRAME_BYTES, ReplyOutcome, Task};
+use crate::published::{PublishedManifest, PublishedMaps};
+
+pub use self::workers::{WorkerAccess, Workers};
 
 /// Options of a gateway.
 #[derive(Debug, Clone)]
@@ -47,54 +50,49 @@ impl GatewayOptions {
     }
 }
 
-/// A client of the cluster for one map. Clones share it.
+/// Computes the poses of one map with workers. Clones share it.
 #[derive(Clone)]
 pub struct Gateway(Arc<Inner>);
 
 struct Inner {
-    bus: Bus,
-    source: Arc<dyn ManifestSource>,
+    published: PublishedMaps,
     options: GatewayOptions,
+    workers: Arc<Workers>,
     counts: GatewayCounts,
-    members: Members,
-    /// The published manifest as last read.
-    published: Mutex<Option<Arc<PublishedManifest>>>,
-    /// The active manifest.
+    /// Threads that search the index.
+    searches: Pool,
+    /// Number of images that a search retrieves.
+    retrieve: usize,
     current: RwLock<Option<Arc<ActiveManifest>>>,
-    /// Whether each region of the active manifest has a worker.
-    is_complete: AtomicBool,
 }
 
 /// A manifest in use.
 struct ActiveManifest {
     published: Arc<PublishedManifest>,
+    index: Arc<RegionIndex>,
     description: Arc<MapDescription>,
 }
 
+/// Capacity of the queue of searches.
+const SEARCH_QUEUE: NonZeroUsize = NonZeroUsize::MIN.saturating_add(255);
+
 impl Gateway {
-    /// Reads the published manifest and follows it from now on. It is no error if its regions have no workers yet; those
-    /// that run are known after their next announcement.
+    /// Reads the published manifest with its index, and follows it from now on.
     ///
     /// # Errors
-    /// [`ClusterError`]: nothing is published, it is invalid, or the bus is closed.
+    /// [`ClusterError`]: nothing is published, or it is invalid.
     pub async fn start(
-        bus: Bus,
-        source: Arc<dyn ManifestSource>,
+        published: PublishedMaps,
+        workers: Arc<Workers>,
         options: GatewayOptions,
         counts: GatewayCounts,
     ) -> Result<Self, ClusterError> {
-        let members = Members::listen(&bus, &options.map, Role::Gateway).await?;
-        let gateway = Self(Arc::new(Inner {
-            bus,
-            source,
-            options,
-            counts,
-            members,
-            published: Mutex::default(),
-            current: RwLock::default(),
-            is_complete: AtomicBool::new(false),
-        }));
-        gateway.0.read_manifest().await?;
+        let threads = std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
+        let searches = Pool::start(threads, SEARCH_QUEUE, Clock::default())
+            .map_err(|source| ClusterError::System { what: "threads", source })?;
+        let (retrieve, current) = (LocalizeOptions::default().retrieve, RwLock::default());
+        let inner = Inner { published, options, workers, counts, searches, retrieve, current };
+        let gateway = Self(Arc::new(inner));
         gateway.0.update().await?;
         tokio::spawn(follow(Arc::downgrade(&gateway.0), gateway.0.options.watch));
         Ok(gateway)
@@ -112,11 +110,7 @@ impl RemoteBackend for Gateway {
     }
 
     fn is_complete(&self) -> bool {
-        self.0.is_complete.load(Ordering::Relaxed)
-    }
-
-    fn longest(&self) -> usize {
-        self.0.bus.max_payload().saturating_sub(FRAME_BYTES)
+        self.0.workers.any_answers()
     }
 
     fn localize(&self, request: RemoteRequest) -> AnswerFuture<'_> {
@@ -124,24 +118,12 @@ impl RemoteBackend for Gateway {
     }
 }
 
-/// Polls for new manifests, and follows which regions have workers, until the gateway is dropped.
+/// Polls for new manifests until the gateway is dropped.
 async fn follow(gateway: Weak<Inner>, every: Duration) {
-    let Some(members) = gateway.upgrade().map(|gateway| gateway.members.clone()) else { return };
-    let mut changes = members.changes();
-    let mut poll = Instant::now() + every;
     loop {
-        let is_due = tokio::select! {
-            () = tokio::time::sleep_until(poll) => true,
-            _ = changes.changed() => false,
-        };
+        tokio::time::sleep(every).await;
         let Some(gateway) = gateway.upgrade() else { return };
-        let read = if is_due { gateway.read_manifest().await } else { Ok(()) };
-        if is_due {
-            poll = Instant::now() + every;
-        }
-        // Also when it cannot be read: workers of the active one come and go.
-        let updated = gateway.update().await;
-        if let Err(error) = read.and(updated) {
+        if let Err(error) = gateway.update().await {
             tracing::error!(map = gateway.options.map, %error, "the published manifest cannot be read; the active one stays in use");
         }
     }
@@ -152,67 +134,32 @@ impl Inner {
         self.current.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    async fn read_manifest(&self) -> Result<(), ClusterError> {
-        let published = self.source.current(&self.options.map).await?;
-        *self.published.lock().unwrap_or_else(PoisonError::into_inner) = Some(published);
-        Ok(())
-    }
-
-    /// Activates the published manifest if it is new and all its regions have workers, and reports whether those of the
-    /// active one do.
+    /// Activates the published manifest if it is new.
     async fn update(&self) -> Result<(), ClusterError> {
-        let published = self.published.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        let activated = match published {
-            Some(published) => self.activate(&published).await,
-            None => Ok(()),
-        };
-        let map = &self.options.map;
-        let [answering, out] = self.members.counts();
-        self.counts.members(map, answering, out, self.members.foreign_count());
-        let copies = self.current().map(|active| self.members.copies(&active.published.manifest));
-        self.counts.copies(map, copies.map_or(0, |copies| copies.least));
-        let is_complete = copies.is_some_and(|copies| copies.missing == 0);
-        if self.is_complete.swap(is_complete, Ordering::Relaxed) && !is_complete {
-            let missing = copies.map_or(0, |copies| copies.missing);
-            tracing::error!(
-                map,
-                missing,
-                "regions of the active manifest have no worker; the gateway is not ready"
-            );
-        }
-        activated
-    }
-
-    /// Activates this manifest if it is new and all its regions have workers.
-    async fn activate(&self, published: &Arc<PublishedManifest>) -> Result<(), ClusterError> {
-        let (id, manifest) = (published.id, &published.manifest);
+        let published = self.published.current(&self.options.map).await?;
+        let (map, id) = (&self.options.map, published.id);
         if self.current().is_some_and(|active| active.published.id == id) {
             return Ok(());
         }
-        let (map, missing) = (&self.options.map, self.members.copies(manifest).missing);
-        if missing > 0 {
-            let all = manifest.regions.len() + 1;
-            tracing::info!(map, manifest = %id, missing, all, "this manifest is not activated until all its regions have workers");
-            return Ok(());
-        }
+        let manifest = &published.manifest;
+        let path = self.published.object(manifest.index).await?.path;
+        // Mapped: nobody else writes to files of the cache.
+        let index = Arc::new(RegionIndex::open(&path, MapMemory::Mapped)?);
         let description = Arc::new(self.describe(manifest).await?);
-        let active = ActiveManifest { published: published.clone(), description };
+        tracing::info!(map, manifest = %id, regions = manifest.regions.len(), "manifest activated");
+        let active = ActiveManifest { published, index, description };
         *self.current.write().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(active));
         self.counts.manifest_activated();
-        tracing::info!(map, manifest = %id, regions = manifest.regions.len(), "manifest activated");
         Ok(())
     }
 
     async fn describe(&self, manifest: &Manifest) -> Result<MapDescription, ClusterError> {
         let object = manifest.profile;
-        let folder = self.source.fetch(vec![object]).await?;
-        let path = RegionFolder::of(manifest.clone(), &folder).path_of(&object.sha256);
-        let io = |source| ClusterError::from(MapError::Io { path: path.clone(), source });
-        let bytes = std::fs::read(&path).map_err(io)?;
+        let path = self.published.object(object).await?.path;
+        let bytes = std::fs::read(&path).map_err(|source| MapError::Io { path: path.clone(), source })?;
         let wrong = |source| ClusterError::Profile { object: object.sha256, source };
-        let profile = Profile::decode(&bytes).map_err(wrong)?;
         Ok(MapDescription {
-            profile,
+            profile: Profile::decode(&bytes).map_err(wrong)?,
             images: manifest.images as usize,
             points: manifest.points as usize,
             coordinates: manifest.coordinates(),
@@ -220,10 +167,10 @@ impl Inner {
     }
 
     async fn localize(&self, request: RemoteRequest) -> Result<Answer, LocalizeFailure> {
-        let deadline = Instant::now() + request.within;
-        let query = Query::of(&request, deadline);
-        let unreachable = LocalizeFailure::Unreached { retry_after: std::num::NonZeroU64::MIN };
-        let mut active = self.current().ok_or(unreachable)?;
+        let unreached = LocalizeFailure::Unreached { retry_after: NonZeroU64::MIN };
+        let mut active = self.current().ok_or(unreached)?;
+        let request = Arc::new(request);
+        let query = Query::of(&request)?;
         loop {
             // A query for another profile is refused here; no worker need see it.
             let profile = &active.description.profile;
@@ -231,7 +178,7 @@ impl Inner {
                 return Err(LocalizeFailure::WrongProfile);
             }
             let result = self.query_regions(&active, &query).await;
-            // The old manifest became unreachable: retry with the new one.
+            // No worker has the regions of the old manifest any more: again with the new one.
             match (&result, self.current()) {
                 (Err(LocalizeFailure::Unreached { .. }), Some(now))
                     if now.published.id != active.published.id =>
@@ -246,9 +193,8 @@ impl Inner {
     /// Searches the regions of this manifest.
     async fn query_regions(&self, active: &ActiveManifest, query: &Query) -> Result<Answer, LocalizeFailure> {
         let candidates = self.search(active, query).await?;
-        let ranked = candidates.iter().map(|one| (one.region as usize, one.held as usize));
         let (mut answers, mut searched) = (Vec::new(), 0);
-        for round in search_rounds(ranked, self.options.regions) {
+        for round in search_rounds(candidates, self.options.regions) {
             searched += round.len();
             answers.extend(join_all(round.into_iter().map(|region| self.pose(active, query, region))).await);
             if answers.iter().any(|answer| matches!(answer, Ok(answer) if answer.trusted())) {
@@ -259,19 +205,36 @@ impl Inner {
         select::best(answers)
     }
 
+    /// The regions with their numbers of retrieved images, best first; for several images their sums.
     async fn search(
         &self,
         active: &ActiveManifest,
         query: &Query,
-    ) -> Result<Vec<Candidate>, LocalizeFailure> {
-        let task = Task::Search { globals: query.globals.clone() };
-        let object = active.published.manifest.index.sha256;
-        match self.query_object(object, query, task).await? {
-            ReplyOutcome::Regions(candidates) => Ok(candidates),
-            ReplyOutcome::Failed(why) => Err(why),
-            ReplyOutcome::Here { .. } | ReplyOutcome::Pose(_) | ReplyOutcome::Rejected(_) => {
-                Err(LocalizeFailure::Broken)
+    ) -> Result<Vec<(usize, usize)>, LocalizeFailure> {
+        let (index, request, retrieve) = (active.index.clone(), query.request.clone(), self.retrieve);
+        let work = move |_| {
+            let mut candidates: Vec<(usize, usize)> = Vec::new();
+            for sealed in request.decoded.queries() {
+                // A match query has none: a region has a pack of its own.
+                let global = sealed.global().filter(|global| global.as_codes().len() == index.global_len());
+                for ranked in index.rank(global.as_ref().ok_or(LocalizeFailure::WrongProfile)?, retrieve) {
+                    match candidates.iter_mut().find(|(region, _)| *region == ranked.region) {
+                        Some((_, held)) => *held += ranked.held,
+                        None => candidates.push((ranked.region, ranked.held)),
+                    }
+                }
             }
+            // The sort is stable: equal regions keep the order of the first image.
+            candidates.sort_by_key(|(_, held)| std::cmp::Reverse(*held));
+            Ok(candidates)
+        };
+        let (client, limit) = (query.request.client, query.request.within);
+        match self.searches.submit(JobSpec { client, rows: 0, is_session: false, limit }, work) {
+            Ok(result) => result.await.unwrap_or(Err(LocalizeFailure::Broken)),
+            Err(Rejected::Full { retry_after } | Rejected::Late { retry_after }) => {
+                Err(LocalizeFailure::Busy { retry_after })
+            }
+            Err(Rejected::Closed) => Err(LocalizeFailure::Stopped),
         }
     }
 
@@ -282,59 +245,59 @@ impl Inner {
         region: usize,
     ) -> Result<Answer, LocalizeFailure> {
         // A verified index names only regions of its manifest.
-        let region = active.published.manifest.regions.get(region).ok_or(LocalizeFailure::Broken)?;
-        match self.query_object(region.sha256, query, query.pose.clone()).await? {
-            ReplyOutcome::Pose(answer) => Ok(*answer),
-            ReplyOutcome::Failed(why) => Err(why),
-            ReplyOutcome::Here { .. } | ReplyOutcome::Regions(_) | ReplyOutcome::Rejected(_) => {
-                Err(LocalizeFailure::Broken)
-            }
-        }
-    }
-
-    async fn query_object(
-        &self,
-        object: ObjectId,
-        query: &Query,
-        task: Task,
-    ) -> Result<ReplyOutcome, LocalizeFailure> {
-        let dispatcher = Dispatcher { bus: &self.bus, members: &self.members, counts: &self.counts };
-        let (name, lane, rows, deadline) = (query.name, query.lane, query.rows, query.deadline);
-        let trace = query.trace.clone();
-        let request = ObjectRequest { object, name, lane, rows, task, deadline, trace };
-        dispatcher.dispatch(&request).await
+        let region = active.published.manifest.regions.get(region).ok_or(LocalizeFailure::Broken)?.sha256;
+        self.workers.ask(&self.options.map, region, query, &self.counts).await
     }
 }
 
 /// The parts of a request that are sent to workers.
 struct Query {
-    name: [u8; 16],
-    lane: Option<Lane>,
-    rows: u32,
-    globals: Vec<Bytes>,
-    pose: Task,
+    request: Arc<RemoteRequest>,
+    /// The bytes that the device sealed (rule L7).
+    body: Bytes,
+    headers: HeaderMap,
     deadline: Instant,
-    trace: Option<Arc<RequestContext>>,
 }
 
+/// Which region, for balancers that hash it.
+const REGION: HeaderName = HeaderName::from_static("veiloc-region");
+/// Which client, for the fair queues of workers.
+const CLIENT: HeaderName = HeaderName::from_static("veiloc-client");
+const NEAR: HeaderName = HeaderName::from_static("veiloc-near");
+const TRACEPARENT: HeaderName = HeaderName::from_static("traceparent");
+
 impl Query {
-    fn of(request: &RemoteRequest, deadline: Instant) -> Self {
-        let codes = |codes: &[i8]| codes.iter().map(|code| code.cast_unsigned()).collect();
-        Self {
-            name: request.id.bytes(),
-            lane: request.client.as_ref().map(Lane::of),
-            rows: u32::try_from(request.decoded.rows()).unwrap_or(u32::MAX),
-            // A match query has none: a region has a pack of its own.
-            globals: (request.decoded.queries())
-                .map(|query| query.global().map(|global| codes(global.as_codes())).unwrap_or_default())
-                .collect(),
-            pose: Task::Pose {
-                kind: request.decoded.kind(),
-                body: Bytes::copy_from_slice(&request.bytes),
-                near: request.near,
-            },
-            deadline,
-            trace: request.trace.clone(),
+    fn of(request: &Arc<RemoteRequest>) -> Result<Self, LocalizeFailure> {
+        let protobuf = HeaderValue::from_static("application/x-protobuf");
+        let mut headers = HeaderMap::from_iter([(ACCEPT, protobuf.clone()), (CONTENT_TYPE, protobuf)]);
+        // Numbers and hexadecimal digits are valid values.
+        let value = |text: String| HeaderValue::try_from(text).map_err(|_| LocalizeFailure::Broken);
+        if let Some(client) = &request.client {
+            headers.insert(CLIENT, value(Lane::of(client).hex())?);
         }
+        if let Some(near) = &request.near {
+            let [x, y, z] = near.center();
+            headers.insert(NEAR, value(format!("{x},{y},{z},{}", near.sd()))?);
+        }
+        let body = Bytes::copy_from_slice(&request.bytes);
+        // A little before the service gives up, so that workers that are too slow are known.
+        let within = request.within.saturating_sub((request.within / 20).min(Duration::from_millis(100)));
+        Ok(Self { request: request.clone(), body, headers, deadline: Instant::now() + within })
+    }
+
+    /// End of the address of a region.
+    fn route(&self) -> &'static str {
+        match self.request.decoded.kind() {
+            BodyKind::Query => "localize",
+            BodyKind::Rig => "localize-rig",
+        }
+    }
+
+    fn id(&self) -> RequestId {
+        self.request.id
+    }
+
+    fn trace(&self) -> Option<&Arc<RequestContext>> {
+        self.request.trace.as_ref()
     }
 }

@@ -57,7 +57,7 @@ pub(crate) fn resolve(url: &str, missing: MissingFolder) -> Result<StorageLocati
 }
 
 /// Removes user and password from a URL.
-fn without_login(url: &str) -> String {
+pub(crate) fn without_login(url: &str) -> String {
     match url.split_once("://").and_then(|(scheme, rest)| Some((scheme, rest.rsplit_once('@')?))) {
         Some((scheme, (_, rest))) => format!("{scheme}://{rest}"),
         None => url.to_owned(),

@@ -60,6 +60,11 @@ impl ObjectCache {
         Ok(Self { folder: folder.to_owned(), max_bytes })
     }
 
+    /// Its limit of object bytes.
+    pub const fn max_bytes(&self) -> u64 {
+        self.max_bytes
+    }
+
     /// A cache for objects only, without a limit.
     pub(crate) fn open_objects(folder: &Path) -> Result<Self, ClusterError> {
         let path = folder.join(OBJECTS_FOLDER);

@@ -33,7 +33,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
-mod address;
+pub(crate) mod address;
 mod cache;
 mod fetch;
 mod pointer;

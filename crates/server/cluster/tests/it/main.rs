@@ -1,10 +1,6 @@
 //! Tests of `veiloc-cluster` from outside, one executable: linking is what costs.
 
-mod bus;
 mod common;
+mod gateway;
 mod object_store;
-mod placement;
-mod rates;
-mod traces;
-mod versions;
-mod workers;
+mod regions;

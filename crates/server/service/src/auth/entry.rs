@@ -18,6 +18,9 @@ pub struct TokenEntry {
     key: TokenKey,
     /// Whether it may read the metrics.
     pub operator: bool,
+    /// Whether it belongs to a gateway, whose clients have their own tokens and limits there: it has no rate limit, its
+    /// answers leave at once, and its word is taken for which client a query comes from.
+    pub gateway: bool,
     /// The maps it may use; `None` for all maps, never empty.
     maps: Option<BTreeSet<String>>,
     /// End of validity.
@@ -33,7 +36,7 @@ impl TokenEntry {
         if !is_token_name(name) {
             return Err(TokensError::Name);
         }
-        Ok(Self { name: name.to_owned(), key, operator: false, maps: None, expires: None })
+        Ok(Self { name: name.to_owned(), key, operator: false, gateway: false, maps: None, expires: None })
     }
 
     /// Restricts the token to these maps.
@@ -86,6 +89,9 @@ impl fmt::Display for TokenEntry {
         if self.operator {
             f.write_str(" operator")?;
         }
+        if self.gateway {
+            f.write_str(" gateway")?;
+        }
         if let Some(maps) = &self.maps {
             let maps: Vec<&str> = maps.iter().map(String::as_str).collect();
             write!(f, " maps={}", maps.join(","))?;
@@ -111,15 +117,17 @@ impl FromStr for TokenEntry {
         let mut words = line.split_whitespace();
         let (Some(name), Some(hex)) = (words.next(), words.next()) else { return Err(LineError::TooShort) };
         let key = TokenKey::of_hex(hex).ok_or(LineError::Hash)?;
-        let mut entry = Self { name: name.to_owned(), key, operator: false, maps: None, expires: None };
+        let mut entry =
+            Self { name: name.to_owned(), key, operator: false, gateway: false, maps: None, expires: None };
         for word in words {
             match word.split_once('=') {
                 None if word == "operator" && !entry.operator => entry.operator = true,
+                None if word == "gateway" && !entry.gateway => entry.gateway = true,
                 Some(("maps", maps)) if entry.maps.is_none() => entry.grant_maps(maps.split(','))?,
                 Some(("expires", end)) if entry.expires.is_none() => {
                     entry.expires = Some(end.parse().map_err(|_| LineError::Expires)?);
                 }
-                None if word == "operator" => return Err(LineError::WordTwice),
+                None if word == "operator" || word == "gateway" => return Err(LineError::WordTwice),
                 Some(("maps" | "expires", _)) => return Err(LineError::WordTwice),
                 _ => return Err(LineError::Word),
             }

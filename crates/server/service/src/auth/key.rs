@@ -37,7 +37,7 @@ impl TokenKey {
     }
 }
 
-/// Identifies the client of a token to the workers of a cluster, whose queues are fair between clients. It is a hash of the
+/// Identifies the client of a token to workers, whose queues are fair between clients. It is a hash of the
 /// key, so that workers do not get what the file of tokens holds.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Lane([u8; 32]);
@@ -48,14 +48,14 @@ impl Lane {
         Self(Sha256::new().chain_update(b"veiloc lane").chain_update(key.0).finalize().into())
     }
 
-    /// From its bytes.
-    pub const fn from_bytes(bytes: [u8; 32]) -> Self {
-        Self(bytes)
+    /// From 64 hexadecimal digits; `None` for anything else.
+    pub fn of_hex(hex: &str) -> Option<Self> {
+        TokenKey::of_hex(hex).map(|key| Self(key.0))
     }
 
-    /// The 32 bytes.
-    pub const fn as_bytes(&self) -> &[u8; 32] {
-        &self.0
+    /// As 64 hexadecimal digits.
+    pub fn hex(&self) -> String {
+        hex::encode(self.0)
     }
 
     /// As the key of a queue.

@@ -21,7 +21,8 @@ pub(crate) struct Caller {
     name: Arc<str>,
     /// The line of the token file; `None` if no token is required.
     entry: Option<TokenEntry>,
-    rate_limit: Arc<TokenRateLimit>,
+    /// `None` for a gateway, which limits the rates of its clients itself.
+    rate_limit: Option<Arc<TokenRateLimit>>,
 }
 
 // Never print the token or its hash.
@@ -49,6 +50,11 @@ impl Caller {
         self.entry.as_ref().is_none_or(|entry| entry.operator)
     }
 
+    /// Whether the client is a gateway.
+    pub(crate) fn is_gateway(&self) -> bool {
+        self.entry.as_ref().is_some_and(|entry| entry.gateway)
+    }
+
     /// Whether the token may use a map of this name; the map need not exist.
     pub(crate) fn allows_map(&self, map: &str) -> bool {
         self.entry.as_ref().is_none_or(|entry| entry.allows_map(map))
@@ -56,13 +62,14 @@ impl Caller {
 
     /// Takes one request from the rate limit.
     pub(crate) fn spend(&self) -> Result<(), Problem> {
-        self.rate_limit.spend(NonZeroU32::MIN).map_err(exceeded)
+        self.rate_limit.as_ref().map_or(Ok(()), |limit| limit.spend(NonZeroU32::MIN).map_err(exceeded))
     }
 
     /// Takes the remaining images of a session from the rate limit; one was taken with the request. A session costs
     /// as much as its images one by one, and is accepted completely or not at all.
     pub(crate) fn spend_session(&self, images: usize) -> Result<(), Problem> {
-        let burst = self.rate_limit.burst();
+        let Some(limit) = &self.rate_limit else { return Ok(()) };
+        let burst = limit.burst();
         let too_long = || Problem::SessionTooLong { most: burst };
         let rest = u32::try_from(images.saturating_sub(1)).map_err(|_| too_long())?;
         let Some(rest) = NonZeroU32::new(rest) else { return Ok(()) };
@@ -70,7 +77,7 @@ impl Caller {
         if rest >= burst {
             return Err(too_long());
         }
-        self.rate_limit.spend(rest).map_err(exceeded)
+        limit.spend(rest).map_err(exceeded)
     }
 }
 
@@ -116,19 +123,19 @@ impl Callers {
             key,
             name: Arc::default(),
             entry: None,
-            rate_limit: rates.limit(&key),
+            rate_limit: Some(rates.limit()),
         }))
     }
 
     /// The clients of a token list. Tokens known before keep the state of their rate limit.
     pub(crate) fn of(list: &TokenList, rates: &RatePolicy, before: Option<&Self>) -> Self {
         let rate_limit = |key: &TokenKey| match before {
-            Some(Self::Tokens(before)) => before.get(key).map(|caller| caller.rate_limit.clone()),
+            Some(Self::Tokens(before)) => before.get(key).and_then(|caller| caller.rate_limit.clone()),
             _ => None,
         };
         let caller = |entry: &TokenEntry| {
             let key = entry.key();
-            let rate_limit = rate_limit(&key).unwrap_or_else(|| rates.limit(&key));
+            let rate_limit = (!entry.gateway).then(|| rate_limit(&key).unwrap_or_else(|| rates.limit()));
             let name = entry.name().into();
             (key, Arc::new(Caller { key, name, entry: Some(entry.clone()), rate_limit }))
         };
@@ -221,7 +228,7 @@ mod tests {
     }
 
     fn rates(clock: &Clock) -> RatePolicy {
-        RatePolicy { rate: RATE, clock: clock.clone(), shared: None }
+        RatePolicy { rate: RATE, clock: clock.clone() }
     }
 
     fn headers(value: &str) -> HeaderMap {

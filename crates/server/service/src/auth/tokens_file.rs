@@ -129,7 +129,7 @@ mod tests {
     const STALE: Duration = Duration::from_secs(300);
 
     fn open(path: &Path) -> TokensFile {
-        let rates = RatePolicy { rate: RATE, clock: Clock::default(), shared: None };
+        let rates = RatePolicy { rate: RATE, clock: Clock::default() };
         TokensFile::open(path, rates, STALE).expect("a file of tokens").0
     }
 

@@ -1,6 +1,7 @@
 //! The served maps. Each has its own readiness and can be replaced, added and removed while queries are answered.
 
 pub(crate) mod geo_reference;
+pub(crate) mod regions;
 pub(crate) mod reload;
 pub(crate) mod remote;
 pub(crate) mod watch;
@@ -73,13 +74,17 @@ impl LoadedMap {
         let map = MapFile::open_in(&source.path, reading.memory)?;
         // Build the index now, not on the first query.
         map.global_index();
-        let (images, points, profile) = (map.image_count(), map.point_count(), map.profile().clone());
         let shown = subsampled_points(&map, reading.page_points);
         // A map without points, or too large for a pack, has none.
         let pack = reading.packs.then(|| map.pack()).and_then(Result::ok);
         let pack = pack.map(|(pack, _)| (Content::new(pack.encode()), pack.id().to_string()));
-        let loaded = Self::new(&source.name, &profile, [images, points], Backend::Local(Box::new(map)));
-        Ok(Self { pack, shown, ..loaded })
+        Ok(Self { pack, shown, ..Self::local(&source.name, map) })
+    }
+
+    /// A map file or a region, without pack and points to show.
+    pub(crate) fn local(name: &str, map: MapFile) -> Self {
+        let (counts, profile) = ([map.image_count(), map.point_count()], map.profile().clone());
+        Self::new(name, &profile, counts, Backend::Local(Box::new(map)))
     }
 
     fn remote(source: &RemoteMap, description: Arc<MapDescription>) -> Self {
@@ -104,15 +109,11 @@ impl LoadedMap {
         }
     }
 
-    /// Maximum length of a body of this kind, bytes: bounded by the map and by the remote backend.
+    /// Maximum length of a body of this kind, bytes.
     pub(crate) fn longest(&self, kind: BodyKind) -> usize {
-        let longest = match kind {
+        match kind {
             BodyKind::Query => self.max_query_bytes,
             BodyKind::Rig => RigMessage::longest(self.max_query_bytes),
-        };
-        match &self.backend {
-            Backend::Local(_) => longest,
-            Backend::Remote { backend, .. } => longest.min(backend.longest()),
         }
     }
 
@@ -378,7 +379,7 @@ impl Maps {
         match self.find(name) {
             MapLookup::Served(loaded) => Ok(loaded),
             MapLookup::Broken => Err(Problem::MapUnavailable),
-            // A gateway that has just started learns of its map within a second.
+            // A gateway that has just started reads its map within a second.
             MapLookup::Pending => Err(Problem::Unreached { retry_after: NonZeroU64::MIN }),
             MapLookup::Unknown => Err(Problem::UnknownMap),
         }
@@ -464,9 +465,6 @@ mod tests {
         }
         fn is_complete(&self) -> bool {
             true
-        }
-        fn longest(&self) -> usize {
-            1
         }
         fn localize(&self, _: RemoteRequest) -> AnswerFuture<'_> {
             unreachable!("no query is sent")

@@ -1,8 +1,7 @@
 //! Maps in other processes: the service accepts the query and sends the answer, a remote backend computes the pose.
 //!
-//! Authentication, the fair queue, refusals, padding and metrics are the same as for a local map. A thread of the
-//! pool calls the [`RemoteBackend`] instead of localizing, and waits. So the number of threads bounds the number of
-//! remote queries in flight.
+//! Authentication, refusals, padding and metrics are the same as for a local map. No thread waits for the answer: the
+//! number of connections bounds the number of remote queries in flight, and their queue is that of the other process.
 
 use std::fmt;
 use std::future::Future;
@@ -43,7 +42,7 @@ pub struct RemoteRequest {
     pub near: Option<PositionHint>,
     /// Time limit, from now.
     pub within: Duration,
-    /// The context in which messages to other machines are recorded; `None` if no traces are sent.
+    /// The context in which requests to other machines are recorded; `None` if no traces are sent.
     pub trace: Option<Arc<RequestContext>>,
 }
 
@@ -68,9 +67,6 @@ pub trait RemoteBackend: Send + Sync {
     /// Whether queries can be answered in every part of the map. If not, the map counts as not served in `/readyz`, but
     /// queries are accepted.
     fn is_complete(&self) -> bool;
-
-    /// Maximum length of a body, bytes.
-    fn longest(&self) -> usize;
 
     /// Requests a pose.
     fn localize(&self, request: RemoteRequest) -> AnswerFuture<'_>;

@@ -35,6 +35,27 @@ impl fmt::Debug for Clock {
     }
 }
 
+/// Called on its thread before each localization, so that tests can hold it. Clones share it.
+#[derive(Clone)]
+pub struct Gate(Arc<dyn Fn() + Send + Sync>);
+
+impl Gate {
+    /// A gate through which a localization has passed when `pass()` returns.
+    pub fn new(pass: impl Fn() + Send + Sync + 'static) -> Self {
+        Self(Arc::new(pass))
+    }
+
+    pub(crate) fn pass(&self) {
+        (self.0)();
+    }
+}
+
+impl fmt::Debug for Gate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Gate")
+    }
+}
+
 /// A clock that changes only when [`Self::advance`] is called.
 #[cfg(test)]
 #[derive(Clone)]

@@ -27,4 +27,5 @@ mod throttle;
 
 pub use connections::{Admission, Connection, ConnectionLimits, Connections, Slot};
 pub use fair_queue::{Charge, FairQueue};
+pub use pool::{JobSpec, Pool, Rejected};
 pub use throttle::{LogKind, LogThrottle};

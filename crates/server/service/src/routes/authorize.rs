@@ -6,12 +6,19 @@ use axum::extract::Path;
 use axum::extract::rejection::PathRejection;
 use axum::http::HeaderMap;
 
+use veiloc_map::is_map_name;
+use veiloc_map::regions::ObjectId;
+
 use crate::auth::tokens::Caller;
 use crate::http::problem::Problem;
 use crate::maps::LoadedMap;
+use crate::maps::regions::RegionFailure;
 use crate::queue::Connection;
 use crate::serve::state::App;
 use crate::telemetry::RequestContext;
+
+/// Header of W3C Trace Context.
+const TRACEPARENT: &str = "traceparent";
 
 /// Authenticates the client and takes one request from its rate limit. Records the token in the connection and in the
 /// request context.
@@ -28,6 +35,10 @@ pub(super) fn authenticate(
     }
     let caller = identified?;
     caller.record_in(context);
+    if caller.is_gateway() {
+        let parent = headers.get(TRACEPARENT).and_then(|value| value.to_str().ok());
+        context.continue_trace(parent.unwrap_or_default());
+    }
     caller.spend()?;
     Ok(caller)
 }
@@ -55,4 +66,18 @@ pub(super) fn resolve_map(
 ) -> Result<Arc<LoadedMap>, Problem> {
     let name = name.map_err(|_| Problem::UnknownMap)?;
     if caller.allows_map(&name) { app.maps.served(&name) } else { Err(Problem::UnknownMap) }
+}
+
+/// Resolves a region of a published map, which may have to be read first. As with maps, a client learns nothing about
+/// those that its token may not use.
+pub(super) async fn resolve_region(
+    app: &App,
+    caller: &Caller,
+    path: Option<(String, String)>,
+) -> Result<Arc<LoadedMap>, Problem> {
+    let (map, region) = path.ok_or(Problem::UnknownMap)?;
+    let regions = app.options.regions.as_ref().filter(|_| is_map_name(&map) && caller.allows_map(&map));
+    let region: ObjectId = region.parse().map_err(|_| Problem::UnknownMap)?;
+    let opened = regions.ok_or(Problem::UnknownMap)?.source.region(&map, region).await;
+    opened.map(|region| region.0).map_err(RegionFailure::problem)
 }

@@ -159,7 +159,7 @@ async fn answer(
     context.set_map(loaded.name.as_str().into());
 
     let read = ReadBody { request: decoded, bytes: query };
-    let options = RequestOptions { trusted_only: true, near: None };
+    let options = RequestOptions { trusted_only: true, ..RequestOptions::default() };
     let answer = localize_read(app, context, &caller, loaded, read, options).await?;
     let found = answer
         .pose

@@ -12,29 +12,27 @@ use axum::http::HeaderMap;
 use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
-use tokio::runtime::Handle;
-use tokio::sync::oneshot;
 use veiloc_geometry::Point3;
-use veiloc_localization::LocalizeOptions;
 use veiloc_pose::{PositionPrior, Stop};
 use veiloc_protocol::{Answer, AnswerDocument, AnswerState, AnswerTimes};
 
 use super::accept::AnswerFormat;
-use super::authorize::{authenticate, resolve_map};
+use super::authorize::{authenticate, resolve_map, resolve_region};
 use super::body;
-use super::request_options::RequestOptions;
-use crate::auth::TokenKey;
+use super::request_options::{self, RequestOptions};
+use crate::auth::Lane;
 use crate::auth::tokens::Caller;
 use crate::http::padding::{self, PadLength};
 use crate::http::problem::Problem;
 use crate::maps::remote::RemoteRequest;
 use crate::maps::{Backend, LoadedMap};
 use crate::queue::Connection;
+use crate::queue::clock::Gate;
 use crate::queue::pool::{JobSpec, Rejected};
 use crate::routes::decoded_request::{BodyKind, DecodedRequest, LocalizeFailure};
 use crate::serve::state::App;
 use crate::telemetry::panics;
-use crate::telemetry::{LocalizationOutcome, RequestContext, RequestId, RequestStage};
+use crate::telemetry::{LocalizationOutcome, RequestContext, RequestStage};
 
 /// The pose of a sealed query.
 ///
@@ -64,7 +62,7 @@ pub(super) async fn localize(
     headers: HeaderMap,
     body: Body,
 ) -> Response {
-    serve(app, &connection, context, name, headers, body, BodyKind::Query).await
+    serve(app, &connection, context, Target::Map(name), headers, body, BodyKind::Query).await
 }
 
 /// The pose of the rig of a session.
@@ -95,7 +93,66 @@ pub(super) async fn localize_rig(
     headers: HeaderMap,
     body: Body,
 ) -> Response {
-    serve(app, &connection, context, name, headers, body, BodyKind::Rig).await
+    serve(app, &connection, context, Target::Map(name), headers, body, BodyKind::Rig).await
+}
+
+/// The pose of a sealed query in one region of a published map.
+///
+/// For gateways and balancers, of a service that reads regions from a store (`veiloc serve --store`).
+#[utoipa::path(post, path = "/v1/maps/{name}/regions/{region}/localize", security(("token" = [])),
+    params(
+        ("name" = String, Path, description = "Name of the map"),
+        ("region" = String, Path, description = "The SHA-256 of the region, as in the manifest"),
+        ("veiloc-near" = Option<String>, Header, description = "Where the camera roughly is: X,Y,Z,SD in map units"),
+    ),
+    request_body(content((Vec<u8> = "application/x-protobuf"))),
+    responses((status = 200, description = "The pose, in the form that `Accept` requests", body = AnswerDocument)),
+)]
+pub(super) async fn localize_region(
+    State(app): State<Arc<App>>,
+    Extension(connection): Extension<Arc<Connection>>,
+    Extension(context): Extension<Arc<RequestContext>>,
+    path: Result<Path<(String, String)>, PathRejection>,
+    headers: HeaderMap,
+    body: Body,
+) -> Response {
+    serve(app, &connection, context, Target::region(path), headers, body, BodyKind::Query).await
+}
+
+/// The pose of the rig of a session in one region of a published map.
+///
+/// For gateways and balancers, of a service that reads regions from a store (`veiloc serve --store`).
+#[utoipa::path(post, path = "/v1/maps/{name}/regions/{region}/localize-rig", security(("token" = [])),
+    params(
+        ("name" = String, Path, description = "Name of the map"),
+        ("region" = String, Path, description = "The SHA-256 of the region, as in the manifest"),
+        ("veiloc-near" = Option<String>, Header, description = "Where the camera roughly is: X,Y,Z,SD in map units"),
+    ),
+    request_body(content((Vec<u8> = "application/x-protobuf"))),
+    responses((status = 200, description = "The pose, in the form that `Accept` requests", body = AnswerDocument)),
+)]
+pub(super) async fn localize_region_rig(
+    State(app): State<Arc<App>>,
+    Extension(connection): Extension<Arc<Connection>>,
+    Extension(context): Extension<Arc<RequestContext>>,
+    path: Result<Path<(String, String)>, PathRejection>,
+    headers: HeaderMap,
+    body: Body,
+) -> Response {
+    serve(app, &connection, context, Target::region(path), headers, body, BodyKind::Rig).await
+}
+
+/// What is to be searched, as the address names it.
+enum Target {
+    Map(Result<Path<String>, PathRejection>),
+    /// Map and region; `None` if they are no text.
+    Region(Option<(String, String)>),
+}
+
+impl Target {
+    fn region(path: Result<Path<(String, String)>, PathRejection>) -> Self {
+        Self::Region(path.ok().map(|Path(both)| both))
+    }
 }
 
 /// Handles a request with a body of this kind.
@@ -103,12 +160,12 @@ async fn serve(
     app: Arc<App>,
     connection: &Connection,
     context: Arc<RequestContext>,
-    name: Result<Path<String>, PathRejection>,
+    target: Target,
     headers: HeaderMap,
     mut body: Body,
     kind: BodyKind,
 ) -> Response {
-    let result = match check_head(&app, connection, &context, name, &headers) {
+    let result = match check_head(&app, connection, &context, target, &headers).await {
         Ok(request) => answer(&app, &context, request, kind, &mut body).await,
         Err(problem) => Err(problem),
     };
@@ -136,17 +193,23 @@ struct CheckedRequest {
 }
 
 /// All checks that need no body.
-fn check_head(
+async fn check_head(
     app: &App,
     connection: &Connection,
     context: &RequestContext,
-    name: Result<Path<String>, PathRejection>,
+    target: Target,
     headers: &HeaderMap,
 ) -> Result<CheckedRequest, Problem> {
     let caller = authenticate(app, connection, context, headers)?;
-    let loaded = resolve_map(app, &caller, name)?;
+    let loaded = match target {
+        Target::Map(name) => resolve_map(app, &caller, name)?,
+        Target::Region(path) => resolve_region(app, &caller, path).await?,
+    };
     check_media(headers, &["application/x-protobuf", "application/octet-stream"])?;
-    let request_options = RequestOptions::read(headers)?;
+    let mut request_options = RequestOptions::read(headers)?;
+    if caller.is_gateway() {
+        request_options.client = request_options::client(headers)?;
+    }
     let format = AnswerFormat::negotiate(headers);
     context.set_map(loaded.name.as_str().into());
     Ok(CheckedRequest { caller, loaded, format, request_options })
@@ -214,7 +277,9 @@ pub(super) async fn localize_read(
     let (received, begun) = (tokio::time::Instant::now(), context.elapsed());
     let read = ReadBody { request, bytes };
     let result = compute(app, context, caller, loaded.clone(), read, request_options).await?;
-    hold(app, context, received, begun).await;
+    if !caller.is_gateway() {
+        hold(app, context, received, begun).await;
+    }
     let result = result.unwrap_or(Err(LocalizeFailure::TimedOut));
     let answer = result.map_err(|why| {
         if matches!(why, LocalizeFailure::NoPose(_)) {
@@ -287,16 +352,11 @@ impl JobResult {
 }
 
 /// Cancels a job when its request is dropped: on timeout, on disconnection, or when the service aborts.
-struct StopWhenDropped {
-    stop: Stop,
-    /// Dropping this sender notifies the job that waits for a remote backend.
-    #[expect(dead_code, reason = "only its drop matters")]
-    cancelled: oneshot::Sender<()>,
-}
+struct StopWhenDropped(Stop);
 
 impl Drop for StopWhenDropped {
     fn drop(&mut self) {
-        self.stop.set();
+        self.0.set();
     }
 }
 
@@ -306,47 +366,7 @@ pub(super) struct ReadBody {
     pub(super) bytes: Vec<u8>,
 }
 
-/// Input of a job.
-struct Job {
-    loaded: Arc<LoadedMap>,
-    client: Option<TokenKey>,
-    read: ReadBody,
-    request_options: RequestOptions,
-    options: LocalizeOptions,
-    /// Time limit.
-    deadline: Instant,
-    cancelled: oneshot::Receiver<()>,
-    /// Runtime for calls of remote backends.
-    runtime: Handle,
-    id: RequestId,
-    /// The context of the request, if traces are sent.
-    trace: Option<Arc<RequestContext>>,
-}
-
-impl Job {
-    /// Localizes the query locally or remotely; `queue_ms`: time in the queue, milliseconds.
-    fn work(self, queue_ms: f64) -> Result<Answer, LocalizeFailure> {
-        let ReadBody { request, bytes } = self.read;
-        let backend = match &self.loaded.backend {
-            Backend::Local(map) => return request.localize(map, &self.options, queue_ms),
-            Backend::Remote { backend, .. } => backend,
-        };
-        let within = self.deadline.saturating_duration_since(Instant::now());
-        let (id, client, near) = (self.id, self.client, self.request_options.near);
-        let remote_request =
-            RemoteRequest { id, client, decoded: request, bytes, near, within, trace: self.trace };
-        let mut answer = self.runtime.block_on(async {
-            tokio::select! {
-                answer = backend.localize(remote_request) => answer,
-                _ = self.cancelled => Err(LocalizeFailure::Stopped),
-            }
-        })?;
-        answer.times.queue_ms += queue_ms;
-        Ok(answer)
-    }
-}
-
-/// Localizes on a thread of the pool; `None`: not within the time limit.
+/// Localizes on a thread of the pool, or asks the remote backend; `None`: not within the time limit.
 ///
 /// # Errors
 /// What does not depend on the content of the query: a full queue, a shutdown, an internal error.
@@ -358,39 +378,71 @@ async fn compute(
     read: ReadBody,
     request_options: RequestOptions,
 ) -> Result<Option<Result<Answer, LocalizeFailure>>, Problem> {
+    let begun = context.elapsed();
+    // Without tokens, clients are not distinguished; a gateway says whose query it is.
+    let key = app.tokens.is_some().then(|| caller.key());
+    let client = request_options.client.map(Lane::key).or(key);
+    match &loaded.backend {
+        Backend::Local(_) => {
+            let (rows, is_session) = (read.request.rows(), read.request.frames() > 1);
+            let spec = JobSpec { client, rows, is_session, limit: app.options.timeouts.localize };
+            localize_here(app, context, begun, loaded, read.request, request_options, spec).await
+        }
+        Backend::Remote { backend, .. } => {
+            let (within, started) = (app.options.timeouts.localize, Instant::now());
+            let request = RemoteRequest {
+                id: context.id(),
+                client,
+                decoded: read.request,
+                bytes: read.bytes,
+                near: request_options.near,
+                within,
+                trace: app.sends_traces().then(|| context.clone()),
+            };
+            // Dropping the future cancels the work on the other side.
+            let Ok(result) = tokio::time::timeout(within, backend.localize(request)).await else {
+                return Ok(None);
+            };
+            let done = JobResult { result, waited: Duration::ZERO, took: started.elapsed() };
+            done.record_stages(context, begun);
+            Ok(Some(done.result))
+        }
+    }
+}
+
+/// Localizes in a local map on a thread of the pool.
+async fn localize_here(
+    app: &Arc<App>,
+    context: &Arc<RequestContext>,
+    begun: Duration,
+    loaded: Arc<LoadedMap>,
+    request: DecodedRequest,
+    request_options: RequestOptions,
+    spec: JobSpec,
+) -> Result<Option<Result<Answer, LocalizeFailure>>, Problem> {
     let mut options = app.options.localize.clone();
     if let Some(near) = request_options.near {
         let [x, y, z] = near.center();
         options.position = Some(PositionPrior { center: Point3::new(x, y, z), sd: near.sd() });
     }
     options.pose.stop = Stop::default();
-    let (held, cancelled) = oneshot::channel();
-    let _stop = StopWhenDropped { stop: options.pose.stop.clone(), cancelled: held };
-    let map_name = loaded.name.clone();
-    let limit = app.options.timeouts.localize;
-    // Without tokens, clients are not distinguished.
-    let spec = JobSpec {
-        client: app.tokens.is_some().then(|| caller.key()),
-        rows: read.request.rows(),
-        is_session: read.request.frames() > 1,
-        limit,
-    };
-    let (id, begun) = (context.id(), context.elapsed());
-    let (deadline, runtime) = (Instant::now() + limit, Handle::current());
-    let client = spec.client;
-    let trace = app.sends_traces().then(|| context.clone());
-    let job = Job { loaded, client, read, request_options, options, deadline, cancelled, runtime, id, trace };
+    let _stop = StopWhenDropped(options.pose.stop.clone());
+    let (id, map_name, gate) = (context.id(), loaded.name.clone(), app.options.gate.clone());
     let work = move |waited: Duration| {
-        let started = Instant::now();
-        let result = panics::with_request(id, || job.work(waited.as_secs_f64() * 1e3));
-        JobResult { result, waited, took: started.elapsed() }
+        gate.iter().for_each(Gate::pass);
+        let (started, queue_ms) = (Instant::now(), waited.as_secs_f64() * 1e3);
+        let localize = || match loaded.map() {
+            Some(map) => request.localize(map, &options, queue_ms),
+            None => Err(LocalizeFailure::Broken),
+        };
+        JobResult { result: panics::with_request(id, localize), waited, took: started.elapsed() }
     };
     let result = app.pool.submit(spec, work).map_err(|refused| match refused {
         Rejected::Full { retry_after } => Problem::QueueFull { retry_after },
         Rejected::Late { retry_after } => Problem::Overdue { retry_after },
         Rejected::Closed => Problem::Stopping { retry_after: NonZeroU64::MIN },
     })?;
-    match tokio::time::timeout(limit, result).await {
+    match tokio::time::timeout(spec.limit, result).await {
         Err(_) => Ok(None),
         Ok(Ok(done)) => {
             done.record_stages(context, begun);

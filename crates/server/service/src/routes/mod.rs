@@ -22,7 +22,6 @@ use axum::middleware::{from_fn, from_fn_with_state};
 use axum::routing::{get, post};
 
 pub use openapi::openapi_json;
-pub(crate) use status::METRICS_TYPE;
 
 use crate::http::cors::cors;
 use crate::http::problem::Problem;
@@ -43,6 +42,8 @@ pub(crate) fn router(app: Arc<App>) -> Router {
         .route("/v1/maps/{name}/pack", get(maps::pack))
         .route("/v1/maps/{name}/localize", post(localize::localize))
         .route("/v1/maps/{name}/localize-rig", post(localize::localize_rig))
+        .route("/v1/maps/{name}/regions/{region}/localize", post(localize::localize_region))
+        .route("/v1/maps/{name}/regions/{region}/localize-rig", post(localize::localize_region_rig))
         .route("/geopose", post(geopose::geopose))
         .route("/v1/openapi.json", get(openapi::openapi))
         .route("/healthz", get(status::health))

@@ -36,9 +36,12 @@ pub fn openapi_json() -> String {
     paths(
         localize::localize,
         localize::localize_rig,
+        localize::localize_region,
+        localize::localize_region_rig,
         geopose::geopose,
         maps::list,
         maps::profile,
+        maps::pack,
         openapi,
         status::health,
         status::ready,

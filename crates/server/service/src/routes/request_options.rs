@@ -5,10 +5,13 @@
 use axum::http::{HeaderMap, HeaderName};
 use veiloc_protocol::PositionHint;
 
+use crate::auth::Lane;
 use crate::http::problem::Problem;
 
 /// `true` withholds doubtful poses.
 pub(super) const TRUSTED_ONLY: HeaderName = HeaderName::from_static("veiloc-trusted-only");
+/// From gateways: which client a query comes from, 64 hexadecimal digits.
+const CLIENT: HeaderName = HeaderName::from_static("veiloc-client");
 /// Prior of the camera position, `X,Y,Z,SD` in map units.
 pub(super) const NEAR: HeaderName = HeaderName::from_static("veiloc-near");
 
@@ -19,6 +22,18 @@ pub(super) struct RequestOptions {
     pub(super) trusted_only: bool,
     /// Prior of the camera position.
     pub(super) near: Option<PositionHint>,
+    /// The client, if a gateway names it.
+    pub(super) client: Option<Lane>,
+}
+
+/// The client that a gateway names.
+pub(super) fn client(headers: &HeaderMap) -> Result<Option<Lane>, Problem> {
+    let wrong = Problem::BadOption("veiloc-client must be 64 hexadecimal digits");
+    match single(headers, &CLIENT) {
+        Ok(None) => Ok(None),
+        Ok(Some(text)) => Lane::of_hex(text).map(Some).ok_or(wrong),
+        Err(Repeated) => Err(wrong),
+    }
 }
 
 impl RequestOptions {
@@ -44,6 +59,7 @@ impl RequestOptions {
             near: near.ok_or(Problem::BadOption(
                 "veiloc-near must be X,Y,Z,SD: four finite numbers in map units, the standard deviation SD above 0",
             ))?,
+            client: None,
         })
     }
 }

@@ -60,7 +60,7 @@ pub(super) async fn map_ready(
         (Readiness::Not(_), MapLookup::Served(_)) => {
             (StatusCode::SERVICE_UNAVAILABLE, "the service is not\n")
         }
-        (_, MapLookup::Pending) => (StatusCode::SERVICE_UNAVAILABLE, "no worker has announced it yet\n"),
+        (_, MapLookup::Pending) => (StatusCode::SERVICE_UNAVAILABLE, "its manifest has not been read yet\n"),
         (_, MapLookup::Broken) => (StatusCode::SERVICE_UNAVAILABLE, "its file cannot be opened\n"),
     }
 }

@@ -3,25 +3,16 @@
 //! It speaks plain HTTP and needs no token. So it must be reachable by the operator only: on loopback, or in the
 //! network of a cluster. It shows nothing of a query and cannot localize.
 
-use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
-use axum::extract::State;
-use axum::http::StatusCode;
-use axum::http::header::CONTENT_TYPE;
-use axum::response::{IntoResponse as _, Response};
-use axum::routing::get;
 use hyper_util::service::TowerToHyperService;
 use tokio::sync::watch;
 
-use crate::error::ServerError;
-use crate::http::problem::Problem;
-use crate::http::{ConnectionTimeouts, ListenAddress, Listener, serve_connection};
-use crate::options::Timeouts;
+use crate::http::{ConnectionTimeouts, Listener, serve_connection};
 use crate::queue::{Admission, ConnectionLimits, Connections};
-use crate::routes::{METRICS_TYPE, admin_router};
+use crate::routes::admin_router;
 use crate::serve::state::App;
 
 /// Maximum number of open connections. A further connection evicts the one that has been idle longest.
@@ -34,54 +25,6 @@ const LIFE: Duration = Duration::from_secs(600);
 pub(crate) async fn serve(app: Arc<App>, listener: Listener, stop: watch::Receiver<bool>) {
     let connection_timeouts = app.options.timeouts.connection_timeouts();
     serve_router(admin_router(app), connection_timeouts, listener, stop).await;
-}
-
-/// State that a program without an HTTP interface for queries (a worker) exposes to probes and to Prometheus.
-pub trait HealthProbe: Send + Sync {
-    /// Readiness; on failure the reason.
-    ///
-    /// # Errors
-    /// The reason, in a word or two.
-    fn ready(&self) -> Result<(), String>;
-
-    /// Metrics in the text format of Prometheus.
-    fn metrics(&self) -> String;
-}
-
-/// Binds `address` and returns the bound address and a future that answers `/healthz`, `/readyz` and `/metrics` until
-/// `stop` becomes true.
-///
-/// # Errors
-/// [`ServerError::Listen`]: the address is in use or does not belong to this machine.
-pub async fn probes(
-    probe: Arc<dyn HealthProbe>,
-    address: SocketAddr,
-    stop: watch::Receiver<bool>,
-) -> Result<(SocketAddr, impl Future<Output = ()> + Send), ServerError> {
-    let listen = ListenAddress::Tcp(address);
-    let wrong = |source| ServerError::Listen { listen: listen.clone(), source };
-    let listener = Listener::bind(&listen, 0).await.map_err(wrong)?;
-    let bound = listener.address().map_err(|error| wrong(error.into()))?;
-    let router = Router::new()
-        .route("/healthz", get(async || "alive\n"))
-        .route("/readyz", get(ready))
-        .route("/metrics", get(metrics))
-        .method_not_allowed_fallback(async || Problem::WrongMethod)
-        .fallback(async || Problem::NotFound)
-        .with_state(probe);
-    let serving = serve_router(router, Timeouts::default().connection_timeouts(), listener, stop);
-    Ok((bound.tcp().unwrap_or(address), serving))
-}
-
-async fn ready(State(probe): State<Arc<dyn HealthProbe>>) -> (StatusCode, String) {
-    match probe.ready() {
-        Ok(()) => (StatusCode::OK, "ready\n".to_owned()),
-        Err(why) => (StatusCode::SERVICE_UNAVAILABLE, why + "\n"),
-    }
-}
-
-async fn metrics(State(probe): State<Arc<dyn HealthProbe>>) -> Response {
-    ([(CONTENT_TYPE, METRICS_TYPE)], probe.metrics()).into_response()
 }
 
 async fn serve_router(

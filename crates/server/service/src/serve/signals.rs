@@ -6,32 +6,6 @@ use crate::serve::open_files;
 use crate::serve::{Listening, Server, ServerHandle, ShutdownSummary};
 use crate::telemetry::panics;
 
-/// What signals can do to a running program.
-pub trait Controllable: Clone + Send + Sync + 'static {
-    /// Finishes accepted work, then ends.
-    fn stop(&self);
-
-    /// Ends at once.
-    fn stop_now(&self);
-
-    /// Reloads files; may block.
-    fn reload(&self);
-}
-
-impl Controllable for ServerHandle {
-    fn stop(&self) {
-        Self::stop(self);
-    }
-
-    fn stop_now(&self) {
-        Self::stop_now(self);
-    }
-
-    fn reload(&self) {
-        Self::reload(self);
-    }
-}
-
 /// Runs the service until SIGINT or SIGTERM (on other systems: Ctrl-C) and finishes accepted requests; a second
 /// signal ends it at once. SIGHUP reloads maps, tokens and certificate.
 ///
@@ -81,7 +55,7 @@ pub fn run_prepared<E: From<ServerError>>(
 
 /// Handlers of SIGINT, SIGTERM and SIGHUP (on other systems: Ctrl-C), installed on creation.
 #[cfg(unix)]
-pub struct Signals {
+struct Signals {
     interrupt: tokio::signal::unix::Signal,
     terminate: tokio::signal::unix::Signal,
     hang_up: tokio::signal::unix::Signal,
@@ -93,7 +67,7 @@ impl Signals {
     ///
     /// # Errors
     /// The system refused a handler.
-    pub fn new() -> std::io::Result<Self> {
+    fn new() -> std::io::Result<Self> {
         use tokio::signal::unix::{SignalKind, signal};
         Ok(Self {
             interrupt: signal(SignalKind::interrupt())?,
@@ -103,7 +77,7 @@ impl Signals {
     }
 
     /// Forwards the signals: the first stops the program gracefully, the second at once.
-    pub async fn handle_signals(mut self, server: impl Controllable) {
+    async fn handle_signals(mut self, server: ServerHandle) {
         let mut is_stopping = false;
         loop {
             tokio::select! {
@@ -129,7 +103,7 @@ impl Signals {
 
 /// Handler of Ctrl-C.
 #[cfg(not(unix))]
-pub struct Signals;
+struct Signals;
 
 #[cfg(not(unix))]
 impl Signals {
@@ -137,12 +111,12 @@ impl Signals {
     ///
     /// # Errors
     /// Never fails.
-    pub fn new() -> std::io::Result<Self> {
+    fn new() -> std::io::Result<Self> {
         Ok(Self)
     }
 
     /// Forwards Ctrl-C: the first stops the program gracefully, the second at once.
-    pub async fn handle_signals(self, server: impl Controllable) {
+    async fn handle_signals(self, server: ServerHandle) {
         // If waiting for Ctrl-C fails, the system ends the program on Ctrl-C; nothing is left to do.
         if tokio::signal::ctrl_c().await.is_ok() {
             server.stop();

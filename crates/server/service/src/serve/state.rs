@@ -51,8 +51,7 @@ impl App {
     /// map is left, no maps folder is configured, and there is no remote map.
     pub(crate) fn open(options: ServerOptions) -> Result<Self, ServerError> {
         options.check()?;
-        let shared = options.shared_rates.clone();
-        let rates = RatePolicy { rate: options.rate, clock: options.clock.clone(), shared };
+        let rates = RatePolicy { rate: options.rate, clock: options.clock.clone() };
         let (tokens, callers) = match &options.tokens {
             Some(path) => {
                 let (file, callers) = TokensFile::open(path, rates, options.tokens_max_stale)?;
@@ -61,7 +60,7 @@ impl App {
             None => (None, Arc::new(Callers::unrestricted(&rates))),
         };
         let tls = options.tls.clone().map(Tls::open).transpose()?;
-        let pool = Pool::start(options.workers, options.queue, options.clock.clone())
+        let pool = Pool::start(options.threads, options.queue, options.clock.clone())
             .map_err(|source| ServerError::System { what: "threads", source })?;
         let mut metrics = metrics(&options);
         let traces = start_traces(&options, &mut metrics)?;
@@ -109,7 +108,8 @@ impl App {
                 }
             }
         }
-        let may_come = self.maps.has_folder() || !self.options.remote_maps.is_empty();
+        let may_come =
+            self.maps.has_folder() || !self.options.remote_maps.is_empty() || self.options.regions.is_some();
         if !may_come && self.maps.slots().iter().all(|slot| slot.current().is_none()) {
             // `check` guarantees at least one map.
             return Err(broken.into_iter().next().unwrap_or(ServerError::NoMap));
@@ -140,10 +140,11 @@ impl App {
         let slots = self.maps.slots();
         let broken: Vec<String> =
             slots.iter().filter(|slot| !slot.is_complete()).map(|slot| slot.name().to_owned()).collect();
-        if broken.len() < slots.len() {
+        let serves_regions = slots.is_empty() && self.options.regions.is_some();
+        if serves_regions || broken.len() < slots.len() {
             Readiness::Ready { broken }
         } else if slots.iter().any(|slot| slot.current().is_some()) {
-            Readiness::Not("no workers for a part of the map")
+            Readiness::Not("no worker answers")
         } else {
             Readiness::Not("no map")
         }
@@ -181,9 +182,6 @@ impl App {
     /// Begins the shutdown.
     pub(crate) fn close(&self) {
         self.closing.store(true, Ordering::Relaxed);
-        if let Some(shared) = &self.options.shared_rates {
-            shared.stop();
-        }
     }
 
     /// Whether traces are sent to a collector.
@@ -200,12 +198,13 @@ impl App {
 /// All metrics, at zero.
 fn metrics(options: &ServerOptions) -> Metrics {
     Metrics::new(&MetricsOptions {
-        workers: options.workers.get(),
+        workers: options.threads.get(),
         queue: options.queue.get(),
         connections: options.connections.get(),
         version: env!("CARGO_PKG_VERSION"),
         log: options.log.as_ref(),
         gateway: options.gateway.as_ref(),
+        regions: options.regions.as_ref().map(|regions| &regions.counts),
         requests: &problem::query_outcomes(),
     })
 }

@@ -18,7 +18,7 @@ use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::Registry;
 
 use crate::auth::Timestamp;
-use crate::telemetry::cluster::GatewayCounts;
+use crate::telemetry::gateway::{GatewayCounts, RegionCounts};
 use crate::telemetry::log::LogQueue;
 use crate::telemetry::process::Process;
 use crate::telemetry::request_context::RequestKind;
@@ -122,8 +122,10 @@ pub struct MetricsOptions<'a> {
     pub version: &'static str,
     /// The log, if it uses a queue.
     pub log: Option<&'a LogQueue>,
-    /// Metrics of a gateway, if a cluster holds maps.
+    /// Metrics of a gateway, if workers hold maps.
     pub gateway: Option<&'a GatewayCounts>,
+    /// Metrics of a worker, if it serves regions.
+    pub regions: Option<&'a RegionCounts>,
     /// Kinds of requests whose series exist from the start.
     pub requests: &'a [RequestKind<'a>],
 }
@@ -256,6 +258,9 @@ impl Metrics {
         }
         if let Some(gateway) = options.gateway {
             gateway.register(registry);
+        }
+        if let Some(regions) = options.regions {
+            regions.register(registry);
         }
         let metrics = Self {
             registry: all,

@@ -19,13 +19,13 @@ thread_local! {
 }
 
 /// Marks this thread as working for the service: of its panics only the location is logged.
-pub fn mark_service_thread() {
+pub(crate) fn mark_service_thread() {
     IS_SERVICE_THREAD.set(true);
 }
 
 /// Runs `work` for a request: a panic of this thread is then logged with the request id. Helper threads of the work
 /// are not covered.
-pub fn with_request<T>(request: RequestId, work: impl FnOnce() -> T) -> T {
+pub(crate) fn with_request<T>(request: RequestId, work: impl FnOnce() -> T) -> T {
     struct Done;
     impl Drop for Done {
         fn drop(&mut self) {
@@ -39,7 +39,7 @@ pub fn with_request<T>(request: RequestId, work: impl FnOnce() -> T) -> T {
 
 /// Marks the whole process: panics of all threads are logged by location only, and only through the log, which never
 /// blocks.
-pub fn hide_panic_messages() {
+pub(crate) fn hide_panic_messages() {
     QUIET_PROCESS.store(true, Ordering::Relaxed);
 }
 

@@ -35,6 +35,8 @@ pub struct RequestKind<'a> {
 #[derive(Debug)]
 pub struct RequestContext {
     id: RequestId,
+    /// The trace that the request continues, and its span there.
+    parent: OnceLock<(RequestId, SpanId)>,
     begun: Instant,
     begun_at: SystemTime,
     token: OnceLock<Arc<str>>,
@@ -87,27 +89,14 @@ impl Drop for OpenCall {
     }
 }
 
-/// What a worker did for a request of another machine, for a trace. It has no field for any content of the query.
-#[derive(Debug, Clone, PartialEq)]
-pub struct WorkSpan {
-    /// The request.
-    pub request: RequestId,
-    /// The span of the message that asked for it.
-    pub parent: SpanId,
-    /// `search` or `pose`.
-    pub kind: &'static str,
-    /// How it ended.
-    pub outcome: &'static str,
-    /// Id of the worker.
-    pub worker: String,
-    /// Id of the region or index.
-    pub object: String,
-    /// Time of its arrival.
-    pub begun_at: SystemTime,
-    /// Time until the reply.
-    pub took: Duration,
-    /// Stages of the work: `queue` and `localize`, and the parts of `localize`.
-    pub stages: Vec<RequestStage>,
+/// `00-TRACE-SPAN-FLAGS`.
+fn read_traceparent(text: &str) -> Option<(RequestId, SpanId)> {
+    let mut words = text.split('-');
+    let (version, trace, span) = (words.next()?, words.next()?, words.next()?);
+    let mut id = [0; 16];
+    hex::decode_to_slice(trace, &mut id).ok().filter(|()| version == "00" && id != [0; 16])?;
+    let span = u64::from_str_radix(span, 16).ok().filter(|_| span.len() == 16)?;
+    Some((RequestId::from_bytes(id), SpanId::from_number(span)?))
 }
 
 /// Number of the first span of a call; those of stages are lower.
@@ -118,6 +107,7 @@ impl RequestContext {
     pub fn begin(id: RequestId) -> Self {
         Self {
             id,
+            parent: OnceLock::new(),
             begun: Instant::now(),
             begun_at: SystemTime::now(),
             token: OnceLock::new(),
@@ -142,9 +132,21 @@ impl RequestContext {
         self.calls.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Request id.
-    pub const fn id(&self) -> RequestId {
-        self.id
+    /// Request id: that of the trace that it continues, if it does.
+    pub fn id(&self) -> RequestId {
+        self.parent.get().map_or(self.id, |(id, _)| *id)
+    }
+
+    /// Continues the trace of a gateway, whose `traceparent` (W3C Trace Context) this is. Any other text is ignored.
+    pub fn continue_trace(&self, traceparent: &str) {
+        if let Some(parent) = read_traceparent(traceparent) {
+            let _ = self.parent.set(parent);
+        }
+    }
+
+    /// The span of the gateway, if the request continues its trace.
+    pub(crate) fn parent(&self) -> Option<SpanId> {
+        self.parent.get().map(|(_, span)| *span)
     }
 
     /// Time of its beginning.

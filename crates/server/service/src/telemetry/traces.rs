@@ -1,12 +1,13 @@
-//! Traces: one span per request, per stage, per message to a worker and per work of a worker, sent to a collector of the operator as OTLP over HTTP.
+//! Traces: one span per request, per stage and per request to a worker, sent to a collector of the operator as OTLP over
+//! HTTP.
 //!
-//! Spans are built only from a [`RequestContext`] or a [`WorkSpan`] when its request is answered, so they cannot contain more than its
+//! Spans are built only from a [`RequestContext`] when its request is answered, so they cannot contain more than its
 //! fields (rule L8). They wait in a queue of bounded length, and a dedicated thread sends them: a slow or absent
 //! collector delays no request. Spans that do not fit or cannot be sent are counted (`veiloc_spans_dropped_total`)
 //! and not retried.
 //!
-//! The trace id is the request id. A `traceparent` of the client is not used: it would let a reader of the traces
-//! link requests, also with other activity of the client.
+//! The trace id is the request id. A `traceparent` is used only from a gateway, whose trace a worker continues: that
+//! of a client would let a reader of the traces link requests, also with other activity of the client.
 //!
 //! This is our own code, because the OpenTelemetry crates export all events of all libraries unless they are
 //! filtered, and bring a dozen dependencies. The output is a single JSON document (`otlp.rs`).
@@ -23,8 +24,8 @@ use prometheus_client::metrics::counter::Counter;
 use ureq::Agent;
 
 use crate::telemetry::background_queue::{QueueItem, Sender, queue};
-use crate::telemetry::request_context::{RequestContext, RequestKind, WorkSpan};
-use otlp::{Spans, Trace, document};
+use crate::telemetry::request_context::{RequestContext, RequestKind};
+use otlp::{Trace, document};
 
 /// Capacity of the queue: some ten seconds of a busy service.
 const WAITING: NonZeroUsize = NonZeroUsize::MIN.saturating_add(2047);
@@ -41,7 +42,7 @@ const SEND_TIMEOUT: Duration = Duration::from_secs(5);
 /// The queue of traces; clones share it.
 #[derive(Clone)]
 pub struct Traces {
-    sender: Sender<Box<Spans>>,
+    sender: Sender<Box<Trace>>,
     dropped: Counter,
 }
 
@@ -78,17 +79,9 @@ impl Traces {
 
     /// Enqueues the trace of an answered request. Never blocks.
     pub fn request(&self, context: &RequestContext, method: &'static str, kind: &RequestKind<'_>) {
-        self.send(Spans::Request(Trace::of(context, method, kind)));
-    }
-
-    /// Enqueues what a worker did for a request. Never blocks.
-    pub fn work(&self, work: WorkSpan) {
-        self.send(Spans::Work(work));
-    }
-
-    fn send(&self, spans: Spans) {
-        let count = spans.count();
-        if !self.sender.send(Box::new(spans)) {
+        let trace = Trace::of(context, method, kind);
+        let count = trace.spans();
+        if !self.sender.send(Box::new(trace)) {
             self.dropped.inc_by(count);
         }
     }
@@ -115,7 +108,7 @@ struct Exporter {
 }
 
 impl Exporter {
-    fn run(mut self, messages: &Receiver<QueueItem<Box<Spans>>>) {
+    fn run(mut self, messages: &Receiver<QueueItem<Box<Trace>>>) {
         let mut batch = Vec::new();
         let mut since = Instant::now();
         loop {
@@ -141,7 +134,7 @@ impl Exporter {
         }
     }
 
-    fn send(&mut self, batch: &mut Vec<Spans>) {
+    fn send(&mut self, batch: &mut Vec<Trace>) {
         if batch.is_empty() {
             return;
         }
@@ -149,7 +142,7 @@ impl Exporter {
         let body = serde_json::to_vec(&document(batch, self.service, self.version)).unwrap_or_default();
         let sent = self.agent.post(&self.url).header("content-type", "application/json").send(&body[..]);
         if sent.is_err() {
-            self.dropped.inc_by(batch.iter().map(Spans::count).sum());
+            self.dropped.inc_by(batch.iter().map(Trace::spans).sum());
         }
         match (sent, self.failing) {
             (Err(error), false) => {

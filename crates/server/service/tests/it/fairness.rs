@@ -4,7 +4,7 @@ use super::common;
 
 use std::io::Write as _;
 use std::net::TcpStream;
-use std::num::NonZeroUsize;
+use std::num::{NonZeroU32, NonZeroUsize};
 
 use common::gate::{Gate, wait_until_load};
 use common::http::{Request, Response, connect};
@@ -13,7 +13,7 @@ use veiloc_service::ServerOptions;
 
 fn one_worker(files: &Files) -> ServerOptions {
     let mut options = files.options();
-    options.workers = NonZeroUsize::MIN;
+    options.threads = NonZeroUsize::MIN;
     options.queue = NonZeroUsize::new(8).expect("not zero");
     options
 }
@@ -41,7 +41,7 @@ fn ask(server: &Running, request: &Request) -> TcpStream {
 fn fair_queue_isolates_tokens() {
     let files = Files::new();
     let mut options = one_worker(&files);
-    let gate = Gate::install(&files, &mut options);
+    let gate = Gate::install(&mut options);
     let server = Running::start(options);
     let query = files.scene.sealed(&truth());
     let of = |token: &str| Request::localize(&query).token(token);
@@ -57,6 +57,44 @@ fn fair_queue_isolates_tokens() {
     wait_until_load(&server, 1, 5);
     // The running query, and one turn of each lane.
     gate.admit(3);
+    assert_eq!(Response::read(&mut first).status, 200);
+    assert_eq!(Response::read(&mut other).status, 200);
+    gate.open();
+    for mut stream in waiting {
+        assert_eq!(Response::read(&mut stream).status, 200);
+    }
+}
+
+/// The queries of one client of a gateway fill the share of that client only. A phone cannot speak for others.
+#[test]
+fn queue_is_fair_between_the_clients_of_a_gateway() {
+    const GATEWAY: &str = "gateway-token";
+    let files = Files::new();
+    let tokens = common::tokens_file(&[(GATEWAY, "gateway"), (PHONE, "")]);
+    std::fs::write(files.path("tokens"), tokens).expect("written");
+    let mut options = one_worker(&files);
+    // Neither limit is for gateways.
+    (options.rate.per_second, options.rate.burst) = (NonZeroU32::MIN, NonZeroU32::MIN);
+    options.answer_quantum = HOUR;
+    let gate = Gate::install(&mut options);
+    let server = Running::start(options);
+    let query = files.scene.sealed(&truth());
+    let client = |token: &str, digit: &str| {
+        Request::localize(&query).token(token).header("veiloc-client", &digit.repeat(64))
+    };
+    let mut first = ask(&server, &client(GATEWAY, "a"));
+    wait_until_load(&server, 1, 0);
+    let waiting: Vec<TcpStream> = (0..4).map(|_| ask(&server, &client(GATEWAY, "a"))).collect();
+    wait_until_load(&server, 1, 4);
+    assert_eq!(client(GATEWAY, "a").send(server.address).problem(), "queue-full");
+    let mut other = ask(&server, &client(GATEWAY, "b"));
+    wait_until_load(&server, 1, 5);
+    assert_eq!(client(GATEWAY, "").send(server.address).problem(), "bad-option");
+    // What a phone says there is not even read.
+    let _phone = ask(&server, &client(PHONE, "?"));
+    wait_until_load(&server, 1, 6);
+    // The running query, and one turn of each lane.
+    gate.admit(4);
     assert_eq!(Response::read(&mut first).status, 200);
     assert_eq!(Response::read(&mut other).status, 200);
     gate.open();
@@ -103,7 +141,7 @@ fn job_is_cancelled_when_the_client_disconnects() {
 fn queries_that_would_be_late_are_refused() {
     let files = Files::new();
     let mut options = one_worker(&files);
-    let (gate, clock) = (Gate::install(&files, &mut options), ManualClock::new());
+    let (gate, clock) = (Gate::install(&mut options), ManualClock::new());
     options.clock = clock.clock();
     // A query takes an hour. Behind half a query and a whole one it would end ten seconds late.
     options.timeouts.localize = (HOUR + HOUR / 2).saturating_sub(10 * SECOND);

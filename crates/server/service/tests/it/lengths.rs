@@ -153,9 +153,9 @@ fn refusals_under_load_have_equal_length() {
     assert_eq!(kind_of(&late), "timed-out");
 
     let mut options = files.options();
-    options.workers = NonZeroUsize::MIN;
+    options.threads = NonZeroUsize::MIN;
     options.queue = NonZeroUsize::MIN;
-    let gate = Gate::install(&files, &mut options);
+    let gate = Gate::install(&mut options);
     let server = Running::start(options);
     let mut streams: Vec<TcpStream> =
         (0..12).map(|_| send(server.address, Request::localize(&query).token(PHONE))).collect();

@@ -5,10 +5,12 @@ use super::common;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
+use std::sync::Arc;
 
 use common::{Files, OPERATOR, PHONE, Running, data, truth};
-use veiloc_service::telemetry::GatewayCounts;
-use veiloc_service::{LogQueue, TlsFiles};
+use veiloc_map::regions::ObjectId;
+use veiloc_service::telemetry::{GatewayCounts, RegionCounts};
+use veiloc_service::{LogQueue, RegionFuture, RegionSource, Regions, TlsFiles};
 
 /// A file of the repository.
 fn repository(path: &str) -> String {
@@ -90,16 +92,22 @@ fn selectors_and_series_are_parsed() {
     assert!(exported["x_total"]["b"].contains("{n}") && exported["y"].is_empty());
 }
 
+struct NoRegions;
+
+impl RegionSource for NoRegions {
+    fn region<'a>(&'a self, _: &'a str, _: ObjectId) -> RegionFuture<'a> {
+        unreachable!("no region is asked for")
+    }
+}
+
 #[test]
 fn dashboard_and_alerts_use_existing_metrics() {
     let files = Files::new();
     let mut options = files.options();
     options.log = Some(LogQueue::start(std::io::sink()).expect("a thread"));
     options.watch = Some(std::time::Duration::from_secs(3600));
-    let gateway = GatewayCounts::default();
-    gateway.copies("town", 2);
-    gateway.members("town", 2, 0, 0);
-    options.gateway = Some(gateway);
+    options.gateway = Some(GatewayCounts::default());
+    options.regions = Some(Regions { source: Arc::new(NoRegions), counts: RegionCounts::default() });
     let server = Running::start(options);
     assert_eq!(server.localize(&files.scene.sealed(&truth()), PHONE).status, 200);
     let exported = exported(&server.get("/metrics", OPERATOR).text());

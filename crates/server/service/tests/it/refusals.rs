@@ -123,9 +123,6 @@ fn remote_map_that_is_not_known_yet_is_asked_for_again_soon() {
         fn is_complete(&self) -> bool {
             false
         }
-        fn longest(&self) -> usize {
-            1 << 20
-        }
         fn localize(&self, _: RemoteRequest) -> AnswerFuture<'_> {
             unreachable!("no map, no query")
         }
@@ -242,9 +239,9 @@ fn rate_limit_is_enforced() {
 fn full_queue_refuses_and_accepted_queries_are_answered() {
     let files = Files::new();
     let mut options = files.open_options();
-    options.workers = NonZeroUsize::MIN;
+    options.threads = NonZeroUsize::MIN;
     options.queue = NonZeroUsize::MIN.saturating_add(1);
-    let gate = Gate::install(&files, &mut options);
+    let gate = Gate::install(&mut options);
     let server = Running::start(options);
     let query = files.scene.sealed(&truth());
     let mut streams: Vec<TcpStream> = (0..24).map(|_| connect(server.address)).collect();

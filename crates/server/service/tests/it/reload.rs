@@ -190,8 +190,8 @@ fn token_is_revoked_under_load() {
     let files = Files::new();
     let mut options = files.options();
     options.watch = Some(Duration::from_millis(10));
-    (options.workers, options.queue) = (NonZeroUsize::MIN, NonZeroUsize::MIN.saturating_add(1));
-    let gate = Gate::install(&files, &mut options);
+    (options.threads, options.queue) = (NonZeroUsize::MIN, NonZeroUsize::MIN.saturating_add(1));
+    let gate = Gate::install(&mut options);
     let server = Running::start(options);
     let query = files.scene.sealed(&truth());
     let ask = |busy: u32, queued: u32| {

@@ -15,8 +15,8 @@ use common::{Files, HOUR, Running, eventually, truth};
 fn accepted_requests_are_answered() {
     let files = Files::new();
     let mut options = files.open_options();
-    options.workers = NonZeroUsize::MIN;
-    let gate = Gate::install(&files, &mut options);
+    options.threads = NonZeroUsize::MIN;
+    let gate = Gate::install(&mut options);
     let server = Running::start(options);
     let address = server.address;
     let query = files.scene.sealed(&truth());
@@ -93,7 +93,7 @@ fn endless_jobs_do_not_block_shutdown() {
     for forced in [false, true] {
         let files = Files::new();
         let mut options = files.open_options();
-        options.workers = NonZeroUsize::MIN;
+        options.threads = NonZeroUsize::MIN;
         options.localize.pose.fixed_hypotheses = Some(usize::MAX);
         options.timeouts.grace = if forced { HOUR } else { Duration::ZERO };
         let server = Running::start(options);

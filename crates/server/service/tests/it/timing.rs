@@ -67,9 +67,9 @@ fn l12_later_answers_leave_at_a_later_quantum() {
     let files = Files::new();
     let mut options = files.open_options();
     options.answer_quantum = QUANTUM;
-    options.workers = 1.try_into().expect("not zero");
+    options.threads = 1.try_into().expect("not zero");
     options.queue = 1.try_into().expect("not zero");
-    let gate = Gate::install(&files, &mut options);
+    let gate = Gate::install(&mut options);
     let server = Running::start_paused(options);
     let query = files.scene.sealed(&truth());
     let first = send(&server, &query);

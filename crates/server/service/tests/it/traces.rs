@@ -167,3 +167,46 @@ async fn invalid_collector_address_is_refused() {
         assert!(error.contains("http://127.0.0.1:4318"), "{address}: {error}");
     }
 }
+
+/// A worker continues the trace of its gateway: same id in the answer, and the span of the gateway as parent.
+#[test]
+fn trace_of_a_gateway_is_continued() {
+    const GATEWAY: &str = "gateway-token";
+    let files = Files::new();
+    let tokens = common::tokens_file(&[(GATEWAY, "gateway"), (PHONE, "")]);
+    std::fs::write(files.path("tokens"), tokens).expect("written");
+    let collector = Collector::start();
+    let mut options = files.options();
+    options.otlp = Some(collector.address.clone());
+    let server = Running::start(options);
+    let query = files.scene.sealed(&truth());
+    let ask = |token: &str, parent: &str| {
+        let request = Request::localize(&query).token(token).header("traceparent", parent);
+        let response = request.send(server.address);
+        assert_eq!(response.status, 200, "{response:?}");
+        response.header("veiloc-request-id").expect("an id").to_owned()
+    };
+    let parent = format!("00-{CLIENTS}-b7ad6b7169203331-01");
+    assert_eq!(ask(GATEWAY, &parent), CLIENTS);
+    assert_ne!(ask(PHONE, &parent), CLIENTS);
+    let zeros = "0".repeat(32);
+    for bad in [
+        "",
+        "00",
+        &format!("01-{CLIENTS}-b7ad6b7169203331-01"),
+        &format!("00-{zeros}-b7ad6b7169203331-01"),
+        &format!("00-{CLIENTS}-0000000000000000-01"),
+        &format!("00-{CLIENTS}-b7ad-01"),
+    ] {
+        let id = ask(GATEWAY, bad);
+        assert!(id != CLIENTS && id != zeros, "{bad}");
+    }
+    eventually("the spans", || collector.spans("veiloc").iter().any(|span| span["traceId"] == CLIENTS));
+    server.stop();
+    let spans = collector.spans("veiloc");
+    let continued: Vec<&Value> = spans.iter().filter(|span| span["traceId"] == CLIENTS).collect();
+    assert_eq!(continued[0]["parentSpanId"], "b7ad6b7169203331");
+    assert!(continued[1..].iter().all(|span| span["parentSpanId"] != "b7ad6b7169203331"));
+    let ids: BTreeSet<String> = continued.iter().map(|span| span["spanId"].to_string()).collect();
+    assert_eq!(ids.len(), continued.len(), "span ids differ");
+}

@@ -28,10 +28,12 @@ const REFUSALS: [(u16, &str); 14] = [
 /// Refusals of an address.
 fn refusals_of(path: &str) -> &'static [u16] {
     match path {
-        "/v1/maps/{name}/localize" | "/v1/maps/{name}/localize-rig" | "/geopose" => {
-            &[400, 401, 404, 405, 408, 409, 413, 415, 422, 429, 500, 503, 504]
-        }
-        "/v1/maps/{name}/profile" => &[401, 404, 405, 429, 503],
+        "/v1/maps/{name}/localize"
+        | "/v1/maps/{name}/localize-rig"
+        | "/v1/maps/{name}/regions/{region}/localize"
+        | "/v1/maps/{name}/regions/{region}/localize-rig"
+        | "/geopose" => &[400, 401, 404, 405, 408, 409, 413, 415, 422, 429, 500, 503, 504],
+        "/v1/maps/{name}/profile" | "/v1/maps/{name}/pack" => &[401, 404, 405, 429, 503],
         "/v1/maps" => &[401, 405, 429, 500, 503],
         "/metrics" => &[401, 403, 405, 503],
         _ => &[405],

@@ -5,7 +5,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde_json::{Value, json};
 
-use crate::telemetry::request_context::{RemoteCall, RequestContext, RequestKind, RequestStage, WorkSpan};
+use crate::telemetry::request_context::{RemoteCall, RequestContext, RequestKind, RequestStage};
 use crate::telemetry::request_id::{RequestId, SpanId};
 
 /// `SPAN_KIND_INTERNAL`, `SPAN_KIND_SERVER` and `SPAN_KIND_CLIENT`.
@@ -14,29 +14,6 @@ const SERVER: u8 = 2;
 const CLIENT: u8 = 3;
 /// `STATUS_CODE_ERROR`; set on a server span for errors of the server.
 const ERROR: u8 = 2;
-
-/// What is sent at once: a request, or the work of a worker.
-pub(super) enum Spans {
-    Request(Trace),
-    Work(WorkSpan),
-}
-
-impl Spans {
-    /// Number of spans.
-    pub(super) fn count(&self) -> u64 {
-        match self {
-            Self::Request(trace) => trace.spans(),
-            Self::Work(work) => 1 + work.stages.len() as u64,
-        }
-    }
-
-    fn all(&self) -> Vec<Value> {
-        match self {
-            Self::Request(trace) => trace.all_spans(),
-            Self::Work(work) => spans_of_work(work),
-        }
-    }
-}
 
 /// The fields common to all spans; `begun` is a duration since `start`.
 fn span(
@@ -59,37 +36,10 @@ fn span(
     })
 }
 
-/// The work of a worker and its stages. The parent is the span of the gateway's message.
-fn spans_of_work(work: &WorkSpan) -> Vec<Value> {
-    let mut root = span(
-        work.request,
-        work.parent.within(0),
-        work.kind,
-        SERVER,
-        work.begun_at,
-        Duration::ZERO,
-        work.took,
-    );
-    root["parentSpanId"] = work.parent.to_string().into();
-    root["attributes"] = json!([
-        text("veiloc.worker", &work.worker),
-        text("veiloc.object", &work.object),
-        text("veiloc.outcome", work.outcome),
-    ]);
-    let id = |number: usize| work.parent.within(number as u64);
-    let stages = work.stages.iter().enumerate().map(|(i, stage)| {
-        let mut span =
-            span(work.request, id(i + 1), stage.name, INTERNAL, work.begun_at, stage.begun, stage.took);
-        let above = work.stages.iter().position(|other| Some(other.name) == stage.within);
-        span["parentSpanId"] = id(above.map_or(0, |above| above + 1)).to_string().into();
-        span
-    });
-    std::iter::once(root).chain(stages).collect()
-}
-
-/// One request, its stages and its messages to workers.
+/// One request, its stages and its requests to workers.
 pub(super) struct Trace {
     id: RequestId,
+    parent: Option<SpanId>,
     begun: SystemTime,
     took: Duration,
     method: &'static str,
@@ -106,6 +56,7 @@ impl Trace {
     pub(super) fn of(context: &RequestContext, method: &'static str, kind: &RequestKind<'_>) -> Self {
         Self {
             id: context.id(),
+            parent: context.parent(),
             begun: context.begun_at(),
             took: context.elapsed(),
             method,
@@ -126,7 +77,10 @@ impl Trace {
 
     /// Span number 0 is the request, 1, 2, … are its stages. Ids differ within the trace.
     const fn span_id(&self, number: usize) -> SpanId {
-        self.id.span(number as u64)
+        match self.parent {
+            Some(parent) => parent.within(number as u64),
+            None => self.id.span(number as u64),
+        }
     }
 
     fn span(&self, number: usize, name: &str, kind: u8, begun: Duration, took: Duration) -> Value {
@@ -145,6 +99,9 @@ impl Trace {
         let name = format!("{} {}", self.method, self.route);
         let mut span = self.span(0, &name, SERVER, Duration::ZERO, self.took);
         span["attributes"] = attributes.into();
+        if let Some(parent) = self.parent {
+            span["parentSpanId"] = parent.to_string().into();
+        }
         if self.status >= 500 {
             span["status"] = json!({"code": ERROR});
         }
@@ -171,8 +128,8 @@ impl Trace {
 }
 
 /// `ExportTraceServiceRequest`.
-pub(super) fn document(all: &[Spans], service: &str, version: &str) -> Value {
-    let spans: Vec<Value> = all.iter().flat_map(Spans::all).collect();
+pub(super) fn document(all: &[Trace], service: &str, version: &str) -> Value {
+    let spans: Vec<Value> = all.iter().flat_map(Trace::all_spans).collect();
     json!({"resourceSpans": [{
         "resource": {"attributes": [text("service.name", service), text("service.version", version)]},
         "scopeSpans": [{"scope": {"name": "veiloc-server", "version": version}, "spans": spans}],

@@ -1,63 +1,38 @@
-//! A remote backend whose queries block, each on its worker, until the test admits them.
+//! Holds localizations, each on its thread, until the test admits them.
 #![allow(dead_code, unreachable_pub)] // each user takes its own part
 
-use std::sync::Arc;
+use std::sync::{Arc, Condvar, Mutex};
 
-use tokio::sync::Semaphore;
-use veiloc_localization::LocalizeOptions;
-use veiloc_map::MapFile;
-use veiloc_service::{AnswerFuture, MapDescription, RemoteBackend, RemoteMap, RemoteRequest, ServerOptions};
+use veiloc_service::ServerOptions;
 
-use super::{Files, eventually};
+use super::eventually;
 
 pub struct Gate {
-    map: MapFile,
-    description: Arc<MapDescription>,
-    permits: Semaphore,
+    permits: Mutex<usize>,
+    changed: Condvar,
 }
 
 impl Gate {
-    /// Replaces the map of these options.
-    pub fn install(files: &Files, options: &mut ServerOptions) -> Arc<Self> {
-        let map = MapFile::open(&files.path("place.vmap")).expect("a map");
-        let (profile, images, points) = (map.profile().clone(), map.image_count(), map.point_count());
-        let description =
-            Arc::new(MapDescription { profile, images, points, coordinates: map.coordinates() });
-        let gate = Arc::new(Self { map, description, permits: Semaphore::new(0) });
-        options.maps.clear();
-        options.remote_maps = vec![RemoteMap { name: "place".to_owned(), backend: gate.clone() }];
+    /// Holds every localization of these options.
+    pub fn install(options: &mut ServerOptions) -> Arc<Self> {
+        let gate = Arc::new(Self { permits: Mutex::new(0), changed: Condvar::new() });
+        let passed = gate.clone();
+        options.gate = Some(veiloc_service::Gate::new(move || {
+            let permits = passed.permits.lock().expect("whole");
+            *passed.changed.wait_while(permits, |permits| *permits == 0).expect("whole") -= 1;
+        }));
         gate
     }
 
-    /// Admits this many queries, waiting and future ones.
+    /// Admits this many localizations, waiting and future ones.
     pub fn admit(&self, count: usize) {
-        self.permits.add_permits(count);
+        *self.permits.lock().expect("whole") += count;
+        self.changed.notify_all();
     }
 
-    /// Admits all queries from now on.
+    /// Admits all from now on.
     pub fn open(&self) {
-        self.permits.add_permits(Semaphore::MAX_PERMITS / 2);
-    }
-}
-
-impl RemoteBackend for Gate {
-    fn describe(&self) -> Option<Arc<MapDescription>> {
-        Some(self.description.clone())
-    }
-
-    fn is_complete(&self) -> bool {
-        true
-    }
-
-    fn longest(&self) -> usize {
-        usize::MAX
-    }
-
-    fn localize(&self, request: RemoteRequest) -> AnswerFuture<'_> {
-        Box::pin(async move {
-            self.permits.acquire().await.expect("never closed").forget();
-            request.decoded.localize(&self.map, &LocalizeOptions::default(), 0.0)
-        })
+        self.admit(usize::MAX / 2);
     }
 }
 

@@ -1,32 +1,48 @@
-//! A source in object storage with a local cache.
+//! Published maps: their current manifests, and their objects in a cache on the local disk.
 
-use crate::ClusterError;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::object_store::{ObjectCache, Storage};
 use tokio::runtime::Handle;
-use veiloc_map::regions::{ObjectId, ObjectRef};
+use veiloc_map::regions::{Manifest, ObjectId, ObjectRef};
 
-use super::{ManifestSource, PublishedManifest, SourceFuture};
+use crate::ClusterError;
+use crate::object_store::{ObjectCache, Storage};
 
-/// Maps that were published to object storage.
+/// A published manifest.
+#[derive(Debug)]
+pub struct PublishedManifest {
+    /// The SHA-256 of the manifest.
+    pub id: ObjectId,
+    /// The manifest.
+    pub manifest: Manifest,
+}
+
+/// The maps of an object store, read through a cache. Clones share it.
 #[derive(Debug, Clone)]
-pub struct ObjectStoreSource(Arc<Inner>);
+pub struct PublishedMaps(Arc<Inner>);
 
 #[derive(Debug)]
 struct Inner {
     storage: Storage,
     cache: ObjectCache,
-    folder: PathBuf,
     /// The last manifest of each map, by name, so that it is not read again.
     latest: Mutex<BTreeMap<String, Arc<PublishedManifest>>>,
-    /// The objects of the last [`ManifestSource::retain`].
+    /// Objects that must stay in the cache.
     retained: Mutex<BTreeSet<ObjectId>>,
 }
 
-impl ObjectStoreSource {
+/// An object in the cache.
+#[derive(Debug, Clone)]
+pub struct CachedObject {
+    /// Its file.
+    pub path: PathBuf,
+    /// Whether it had to be read from the store.
+    pub was_read: bool,
+}
+
+impl PublishedMaps {
     /// Opens this storage, with a cache in this folder of at most `max_bytes`.
     ///
     /// # Errors
@@ -41,15 +57,38 @@ impl ObjectStoreSource {
     /// # Errors
     /// [`ClusterError`]: the folder cannot be created.
     pub fn of(storage: Storage, cache: &Path, max_bytes: u64) -> Result<Self, ClusterError> {
-        let folder = cache.to_owned();
         let cache = ObjectCache::open(cache, max_bytes)?;
-        Ok(Self(Arc::new(Inner {
-            storage,
-            cache,
-            folder,
-            latest: Mutex::default(),
-            retained: Mutex::default(),
-        })))
+        let (latest, retained) = (Mutex::default(), Mutex::default());
+        Ok(Self(Arc::new(Inner { storage, cache, latest, retained })))
+    }
+
+    /// The current manifest of the map of this name. When the store cannot be reached at the start, the one that was
+    /// current before.
+    ///
+    /// # Errors
+    /// [`ClusterError`]; [`ClusterError::NotThere`] only if the store is there and the map is not published.
+    pub async fn current(&self, map: &str) -> Result<Arc<PublishedManifest>, ClusterError> {
+        let (inner, map) = (self.0.clone(), map.to_owned());
+        on_blocking_thread(async move || inner.current(&map).await).await
+    }
+
+    /// An object in the cache, verified; read from the store if it is missing or damaged.
+    ///
+    /// # Errors
+    /// As [`ObjectCache::object`].
+    pub async fn object(&self, object: ObjectRef) -> Result<CachedObject, ClusterError> {
+        let inner = self.0.clone();
+        on_blocking_thread(async move || inner.object(object).await).await
+    }
+
+    /// Declares which objects must stay in the cache; others may be removed when space is short.
+    pub fn retain(&self, needed: BTreeSet<ObjectId>) {
+        *self.0.retained.lock().unwrap_or_else(PoisonError::into_inner) = needed;
+    }
+
+    /// Limit of the cache, bytes.
+    pub fn max_bytes(&self) -> u64 {
+        self.0.cache.max_bytes()
     }
 }
 
@@ -64,8 +103,9 @@ impl Inner {
             Err(error) if error.is_transient() => self.last(map).ok_or(error)?,
             // A drive that is not mounted looks like a folder without anything. A map that was withdrawn leaves its
             // manifests, and must not be used any more.
-            Err(error @ ClusterError::NotThere { .. }) if self.storage.is_empty().await => {
-                self.last(map).ok_or(error)?
+            Err(ClusterError::NotThere { .. }) if self.storage.is_empty().await => {
+                let address = self.storage.address().to_owned();
+                self.last(map).ok_or(ClusterError::StorageEmpty { address })?
             }
             Err(error) => return Err(error),
         };
@@ -91,15 +131,12 @@ impl Inner {
         Some(id)
     }
 
-    async fn fetch(&self, objects: &[ObjectRef]) -> Result<PathBuf, ClusterError> {
-        self.cache.check_room(objects.iter().map(|object| object.bytes).sum())?;
+    async fn object(&self, object: ObjectRef) -> Result<CachedObject, ClusterError> {
         let mut needed = self.retained.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        needed.extend(objects.iter().map(|object| object.sha256));
-        self.cache.trim_for(objects, &needed)?;
-        for object in objects {
-            self.cache.object(&self.storage, object).await?;
-        }
-        Ok(self.folder.clone())
+        needed.insert(object.sha256);
+        self.cache.trim_for(&[object], &needed)?;
+        let (path, was_read) = self.cache.object_of(&self.storage, &object).await?;
+        Ok(CachedObject { path, was_read })
     }
 }
 
@@ -111,29 +148,5 @@ async fn on_blocking_thread<T: Send + 'static>(
     match tokio::task::spawn_blocking(move || runtime.block_on(work())).await {
         Ok(done) => done,
         Err(panic) => std::panic::resume_unwind(panic.into_panic()),
-    }
-}
-
-impl ManifestSource for ObjectStoreSource {
-    fn current<'a>(&'a self, map: &'a str) -> SourceFuture<'a, Arc<PublishedManifest>> {
-        let (inner, map) = (self.0.clone(), map.to_owned());
-        Box::pin(on_blocking_thread(async move || inner.current(&map).await))
-    }
-
-    fn fetch(&self, objects: Vec<ObjectRef>) -> SourceFuture<'_, PathBuf> {
-        let inner = self.0.clone();
-        Box::pin(on_blocking_thread(async move || inner.fetch(&objects).await))
-    }
-
-    fn check_room(&self, bytes: u64) -> Result<(), ClusterError> {
-        self.0.cache.check_room(bytes)
-    }
-
-    fn retain(&self, needed: &BTreeSet<ObjectId>) {
-        self.0.retained.lock().unwrap_or_else(PoisonError::into_inner).clone_from(needed);
-        // A cache that is too large is logged, but is no reason to stop answering.
-        if let Err(error) = self.0.cache.trim(needed) {
-            tracing::warn!(%error, "the cache could not be trimmed");
-        }
     }
 }

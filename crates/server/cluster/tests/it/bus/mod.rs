@@ -1,4 +1,0 @@
-//! Tests of `bus`.
-
-mod laws;
-pub(crate) mod servers;
