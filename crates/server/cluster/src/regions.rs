@@ -247,7 +247,7 @@ async fn open_region(
     let cached = published.object(object).await?;
     counts.read(cached.was_read);
     let map = map.to_owned();
-    // Mapped: nobody else writes to files of the cache, and a removed file stays until it is closed.
+    // Mapped: no other program writes to files of the cache, and a removed file stays until it is closed.
     let open = move || {
         Ok::<_, ClusterError>(OpenRegion::new(&map, MapFile::open_in(&cached.path, MapMemory::Mapped)?))
     };

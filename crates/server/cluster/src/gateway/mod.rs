@@ -143,7 +143,7 @@ impl Inner {
         }
         let manifest = &published.manifest;
         let path = self.published.object(manifest.index).await?.path;
-        // Mapped: nobody else writes to files of the cache.
+        // Mapped: no other program writes to files of the cache.
         let index = Arc::new(RegionIndex::open(&path, MapMemory::Mapped)?);
         let description = Arc::new(self.describe(manifest).await?);
         tracing::info!(map, manifest = %id, regions = manifest.regions.len(), "manifest activated");
