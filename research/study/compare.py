@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-COMMANDS = {"scene", "pose", "7scenes", "cambridge", "aachen"}
+COMMANDS = {"scene", "pose", "7scenes", "cambridge", "aachen", "aachen-v1.1"}
 LEVEL = 0.95
 
 

@@ -1,12 +1,15 @@
 """The tables of the paper for a document of results, beside the published figures for the same data; curves of errors.
 
-    python3 research/study paper results.json [--markdown | --latex] [--plot DIR]
+    python3 research/study paper results.json [--inversion inversion.json] [--attacks attacks.json] [--markdown | --latex] [--plot DIR]
 
 Reads documents of `veiloc eval dataset` and `eval scene`. Scenes are columns, schemes are rows. Published
-figures are shown only for exactly the same images.
+figures are shown only for exactly the same images. The sheets of privacy are of `veiloc eval inversion` (Tables 2 and 7) and of
+`eval dataset --attack-json` or `eval adversaries`: the paper does not say which images it attacked, so its rows stand beside ours as
+those of other images.
 """
 
 import argparse
+import json
 import sys
 from pathlib import Path
 
@@ -15,16 +18,18 @@ import pandas as pd
 
 from study.compare import queries, read, recall
 
+PUBLISHED_INVERSION = Path(__file__).resolve().parents[2] / "docs/results/privacy/inversion-paper.csv"
 STAGES = ["extract", "seal", "decode", "retrieve", "match", "pose"]
 MEDIANS = "median position error (cm) / median rotation error (°)"
 # Table of the paper, meaning of its cells, thresholds of recall, and the scenes in the order of its columns.
 SETS = {
-    "7scenes": ("Table 4", f"{MEDIANS} / recall (%)", ["0.05/5"], "chess fire heads office pumpkin redkitchen stairs".split()),
-    "cambridge": ("Table 2", MEDIANS, ["0.05/5"], "KingsCollege OldHospital ShopFacade StMarysChurch".split()),
-    "aachen": ("Table 3", "recall (%)", ["0.25/2", "0.5/5", "5/10"], ["day", "night"]),
+    "7scenes": ("Table 5", f"{MEDIANS} / recall (%)", ["0.05/5"], "chess fire heads office pumpkin redkitchen stairs".split()),
+    "cambridge": ("Table 3", MEDIANS, ["0.05/5"], "KingsCollege OldHospital ShopFacade StMarysChurch".split()),
+    "aachen": ("Table 4", "recall (%)", ["0.25/2", "0.5/5", "5/10"], ["day", "night"]),
+    "aachen-v1.1": (None, "recall (%)", ["0.25/2", "0.5/5", "5/10"], ["day", "night"]),
     "scene": (None, f"{MEDIANS} / recall (%)", ["0.05/5"], []),
 }
-# Tables 2 to 4: data set, method, a cell for each scene.
+# Tables 3 to 5: data set, method, a cell for each scene.
 PUBLISHED = [[part.strip() for part in line.split("|")] for line in """
 7scenes | HLoc (SP+SG) | 0.3/0.10/100 0.6/0.25/100 0.4/0.27/100 0.7/0.20/100 0.6/0.13/100 0.5/0.14/97 2.1/0.66/73
 7scenes | HLoc (SP+NN) | 0.3/0.11/100 0.6/0.25/100 0.5/0.27/97 0.8/0.21/99 0.7/0.15/98 0.5/0.14/95 2.6/0.74/66
@@ -52,7 +57,7 @@ aachen | GLACE | 8.6/20.8/64.0 1.0/1.0/17.3
 aachen | Random Lines, the paper's | 79.9/87.1/94.2 54.1/63.3/85.7
 aachen | DCL, the paper's | 41.0/57.9/72.7 13.3/21.4/38.8
 """.strip().splitlines()]  # fmt: skip
-# The distance between the anchors (Table 5, for Aachen the supplement): scheme, then cell by data set.
+# The distance between the anchors (Table 6, for Aachen Table 8): scheme, then cell by data set.
 ANCHORS = {
     "dcl:paper": {"7scenes": "5.14/1.41", "cambridge": "22.50/0.50", "aachen": "41.0/57.9/72.7 and 13.3/21.4/38.8"},
     "dcl:s=2": {"7scenes": "5.14/1.42", "cambridge": "27.75/0.73", "aachen": "34.1/53.2/71.5 and 14.3/20.4/37.8"},
@@ -109,7 +114,7 @@ def errors(results: Results, published: bool, thresholds: list[str] | None) -> t
         shares = [digits(100 * recall(part, text), 1) for text in thresholds]
         centimetres, degrees = medians(part)
         both = [digits(centimetres, 2), digits(degrees, 3)]
-        return "/".join({"aachen": shares, "cambridge": both}.get(results.set, both + shares[:1]))
+        return "/".join({"aachen": shares, "aachen-v1.1": shares, "cambridge": both}.get(results.set, both + shares[:1]))
 
     table = results.table(figure)
     counts = [len(results.cell(results.rows[0], column)) for column in results.columns]
@@ -153,6 +158,40 @@ def ablation(results: Results, published: bool) -> tuple[str, pd.DataFrame, list
                 "of": str(len(own))}  # fmt: skip
         lines[row] = line | ({"the paper": ANCHORS[row.split(", ")[0]].get(results.set, "")} if paper else {})
     return "Distance between the anchors (H, 2H, 3H) and direction of the partition: mean over the scenes.", pd.DataFrame.from_dict(lines, orient="index"), []
+
+
+def inversion(document: dict, data_set: str, published: bool) -> tuple[str, pd.DataFrame, list[str]]:
+    """Tables 2 and 7: images reconstructed from what the closed form recovers with true neighbours, a column for each scheme."""
+    if document["command"] != "eval inversion":
+        sys.exit(f"this is a document of {document['command']!r}; --inversion needs eval inversion")
+    attacked = {row["scheme"]: row for row in document["summary"] if row["attack"] in ("none", "closed-form")}
+    objects = lambda row: "" if row["objects"] is None else f"{row['objects_found']} of {row['objects']}"
+    metrics = {"e_recon (px)": lambda row: row["mean_px"] and digits(row["mean_px"], 1), "PSNR (dB)": lambda row: digits(row["psnr"], 2),
+               "SSIM": lambda row: digits(row["ssim"], 3), "ST-LPIPS": lambda row: row["st_lpips"] and digits(row["st_lpips"], 3),
+               "objects found again": objects}  # fmt: skip
+    own = {scheme: {metric: of(row) or "" for metric, of in metrics.items()} for scheme, row in attacked.items()}
+    own |= {"no descriptor": own.pop("none")} if "none" in own else {}
+    own.pop("unordered", None)
+    table, notes = pd.DataFrame(own), []
+    if published and len(paper := pd.read_csv(PUBLISHED_INVERSION, dtype=str, keep_default_na=False).query("`data set` == @data_set")):
+        for (number, features, network), rows in paper.groupby(["table", "features", "network"]):
+            cells = rows.set_index("scheme").iloc[:, -4:].T
+            cells.index = [f"the paper, {features}, {network}: {metric}" for metric in cells.index]
+            table = pd.concat([table, cells[(cells != "").any(axis=1)]])
+            notes.append(f"{features}, {network}: the paper's Table {number}, of its own images; LPIPS and ST-LPIPS do not compare.")
+    title = f"Images reconstructed from points that the closed form recovers with {document['k']} true neighbours (mean of {document['images']} images)."
+    return title, table.fillna(""), notes
+
+
+def adversaries(document: dict) -> tuple[str, pd.DataFrame, list[str]]:
+    """What each adversary recovers from the queries of each scene by its best attack."""
+    if document["command"] != "eval adversaries":
+        sys.exit(f"this is a document of {document['command']!r}; --attacks needs eval adversaries, or --attack-json of eval dataset")
+    cells: dict[str, dict[str, str]] = {}
+    for row in document["rows"]:
+        error = f"{digits(row['median_px'], 1)} ({row['bits_over_prior']:+.2f})" if row.get("median_px") is not None else ""
+        cells.setdefault(f"{row['data']}, {row['scheme']}", {})[row["adversary"]] = error
+    return "Median error in pixels, and gain over the prior in bits, of each adversary's best attack.", pd.DataFrame(cells).T.fillna(""), []
 
 
 def times(results: Results) -> tuple[str, pd.DataFrame, list[str]]:
@@ -206,16 +245,20 @@ def plot(results: Results, folder: Path) -> None:
     pyplot.close(axes.figure)
 
 
-def tables(document: dict, form=text, published: bool = True, thresholds: list[str] | None = None, draws: int = 2000, seed: int = 0) -> str:
-    """Errors, intervals, the ablation if its schemes were run, and times."""
+def tables(document: dict, form=text, published: bool = True, thresholds: list[str] | None = None, draws: int = 2000, seed: int = 0,
+           inverted: dict | None = None, attacked: dict | None = None) -> str:  # fmt: skip
+    """Errors, intervals, the ablation if its schemes were run, times, and privacy if its documents are given."""
     results = Results(document)
-    sheets = [errors(results, published, thresholds), intervals(results, draws, seed), ablation(results, published), times(results)]
+    sheets = [errors(results, published, thresholds), intervals(results, draws, seed), ablation(results, published), times(results),
+              inverted and inversion(inverted, results.set, published), attacked and adversaries(attacked)]  # fmt: skip
     return "\n".join(form(*sheet) for sheet in sheets if sheet)
 
 
 def main(arguments=None) -> None:
     parser = argparse.ArgumentParser(prog="study paper", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", metavar="RESULTS.json")
+    parser.add_argument("--inversion", type=Path, metavar="FILE", help="document of eval inversion, for the tables of images")
+    parser.add_argument("--attacks", type=Path, metavar="FILE", help="document of eval adversaries or --attack-json, for a table of attacks")
     forms = parser.add_mutually_exclusive_group()
     forms.add_argument("--markdown", dest="form", action="store_const", const=markdown, default=text)
     forms.add_argument("--latex", dest="form", action="store_const", const=latex)
@@ -226,7 +269,8 @@ def main(arguments=None) -> None:
     parser.add_argument("--plot", type=Path, metavar="DIR", help="write position.svg, orientation.svg and times.svg")
     args = parser.parse_args(arguments)
     document = read(args.results)
-    print(tables(document, args.form, args.published, args.thresholds, args.bootstrap_samples, args.seed))
+    privacy = [json.loads(path.read_text()) if path else None for path in (args.inversion, args.attacks)]
+    print(tables(document, args.form, args.published, args.thresholds, args.bootstrap_samples, args.seed, *privacy))
     if args.plot:
         plot(Results(document), args.plot)
 

@@ -74,10 +74,32 @@ def test_published_rows_have_a_cell_for_every_scene():
         assert len(parts) == len(paper.SETS[data_set][3]) and len({len(cell) for cell in parts}) == 1, method
         if method == "DCL, the paper's":
             mean[data_set] = np.mean(np.array(parts, float), axis=0)
-    # The averages of Table 5 for the default equal those of the rows.
+    # The averages of Table 6 for the default equal those of the rows.
     assert mean["7scenes"][0] == pytest.approx(5.14, abs=0.05)
     assert mean["cambridge"][:2] == pytest.approx([22.50, 0.50], abs=0.3)
 
 
 def test_compared_runs_are_named_by_scene():
     assert compare.queries(document()).row.iloc[0] == "points, default, chess"
+
+
+def inverted(psnr: float) -> dict:
+    rows = [("points", "none", 0.0), ("random-lines", "closed-form", 4.5), ("random-lines", "graph", 0.7), ("dcl:paper", "closed-form", 293.1),
+            ("unordered", "none", None), ("none", "none", None)]  # fmt: skip
+    summary = [{"scheme": scheme, "attack": attack, "mean_px": px, "psnr": psnr, "ssim": 0.5, "st_lpips": None, "objects": 3, "objects_found": 1}
+               for scheme, attack, px in rows]  # fmt: skip
+    return {"command": "eval inversion", "k": 100, "images": 4, "summary": summary}
+
+
+def test_sheets_of_privacy_stand_beside_the_papers_rows():
+    attacked = {"command": "eval adversaries", "rows": [{"data": "chess", "scheme": "dcl", "adversary": "map-server", "median_px": 36.04,
+                                                         "bits_over_prior": 0.62}]}  # fmt: skip
+    text = paper.tables(document(), paper.markdown, inverted=inverted(13.5), attacked=attacked)
+    assert line(text, "| method | points | random-lines |") == "| method | points | random-lines | dcl:paper | no descriptor | coordinate-permutation |"
+    assert line(text, "| e_recon (px)") == "| e_recon (px) |  | 4.5 | 293.1 |  |  |"
+    assert line(text, "| the paper, SuperPoint, U-Net: e_recon") == "| the paper, SuperPoint, U-Net: e_recon (px) |  | 6.137 | 330.4 |  | 10.56 |"
+    assert "Table 2" in text and "Table 7" in text and "100 true neighbours" in text
+    assert line(text, "| chess, dcl") == "| chess, dcl | 36.0 (+0.62) |"
+    assert "the paper, SuperPoint" not in paper.tables(document(), published=False, inverted=inverted(13.5))
+    with pytest.raises(SystemExit, match="--inversion needs eval inversion"):
+        paper.tables(document(), inverted=document())

@@ -1,6 +1,6 @@
 //! `coordinate-permutation`: keypoints are paired at random, and each pair exchanges one coordinate.
 //!
-//! After Pan et al. (paper, Sec. 2 and Fig. 4). One coordinate of a sent position is the keypoint's own and the other
+//! After Pan et al. (paper, Sec. 2 and Fig. 5c). One coordinate of a sent position is the keypoint's own and the other
 //! is its partner's; the query does not say which. The keypoint lies on the vertical or on the horizontal line through
 //! the sent position.
 
