@@ -51,12 +51,14 @@ pub(crate) struct Args {
 /// The attacked keypoints and the attacker's knowledge.
 #[derive(clap::Args)]
 pub(super) struct AdversaryArgs {
-    /// Schemes to attack.
+    /// Schemes to attack; `dcl:random` has the paper's anchors, one of them at random for each keypoint, as ray clouds do
+    /// (only in tables: no query can carry it).
     #[arg(
         long,
         value_delimiter = ',',
         default_value = "random-lines,coordinate-permutation,dcl",
-        value_name = "SCHEME,…"
+        value_name = "SCHEME,…",
+        value_parser = Scheme::of_tables
     )]
     schemes: Vec<Scheme>,
     #[command(flatten)]

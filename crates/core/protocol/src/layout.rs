@@ -15,6 +15,9 @@ pub enum DclLayout {
     Halves(HalvesLayout),
     /// Sectors and two to four anchors anywhere.
     Sectors(SectorLayout),
+    /// The paper's anchors, one of them at random for each keypoint. Only for tables of attacks: no device seals with it,
+    /// and no query can carry it.
+    Random,
 }
 
 /// Dividing line and anchor distance of two halves.
@@ -107,7 +110,7 @@ impl DclLayout {
     /// How many anchors there are.
     pub const fn anchors(&self) -> usize {
         match self {
-            Self::Halves(_) => 2,
+            Self::Halves(_) | Self::Random => 2,
             Self::Sectors(sectors) => sectors.anchors(),
         }
     }
@@ -119,6 +122,7 @@ impl DclLayout {
                 Layout::halves(halves.radians(), halves.s()).expect("both codes are in range")
             }
             Self::Sectors(sectors) => sectors.layout(),
+            Self::Random => Self::VERTICAL.layout().with_random_assignment(),
         }
     }
 

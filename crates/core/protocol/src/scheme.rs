@@ -64,6 +64,14 @@ impl Scheme {
         }
     }
 
+    /// A scheme of tables of attacks: any, or `dcl:random`, which is no scheme of queries ([`DclLayout::Random`]).
+    ///
+    /// # Errors
+    /// [`QueryError::SchemeSyntax`] and [`QueryError::Layout`], as [`Self::from_str`].
+    pub fn of_tables(text: &str) -> Result<Self, QueryError> {
+        if text == RANDOM { Ok(Self::Dcl(DclLayout::Random)) } else { text.parse() }
+    }
+
     /// Whether positions are hidden: false for `points`.
     pub const fn hides_positions(self) -> bool {
         !matches!(self, Self::Points)
@@ -79,7 +87,8 @@ impl Scheme {
                 let (angle, distance) = halves.codes();
                 (4, angle, distance)
             }
-            Self::Dcl(DclLayout::Sectors(_)) => (4, 0, 0),
+            // No decoder accepts an anchor distance of 0 without sectors.
+            Self::Dcl(DclLayout::Sectors(_) | DclLayout::Random) => (4, 0, 0),
         }
     }
 
@@ -145,6 +154,9 @@ impl Scheme {
     }
 }
 
+/// [`DclLayout::Random`] as text.
+const RANDOM: &str = "dcl:random";
+
 /// `dcl` with its default layout.
 impl Default for Scheme {
     fn default() -> Self {
@@ -198,6 +210,7 @@ impl fmt::Display for Scheme {
         let layout = match layout {
             own if *own == DclLayout::default() => return Ok(()),
             DclLayout::Sectors(sectors) => return write!(f, ":{sectors}"),
+            DclLayout::Random => return f.write_str(RANDOM.trim_start_matches(self.name())),
             DclLayout::Halves(halves) => halves,
         };
         let (angle, distance) = layout.codes();
@@ -242,6 +255,16 @@ mod tests {
         for text in ["dcl:vertical", "dcl:paper"] {
             assert_eq!(text.parse::<Scheme>().expect("known"), Scheme::Dcl(DclLayout::VERTICAL));
         }
+    }
+
+    #[test]
+    fn random_assignment_is_for_tables_only() {
+        let random = Scheme::of_tables(RANDOM).expect("known");
+        assert_eq!(random.to_string(), RANDOM);
+        assert!(RANDOM.parse::<Scheme>().is_err(), "no device seals with it");
+        let (scheme, angle, distance) = random.codes();
+        assert!(Scheme::with_layout(scheme, angle, distance, &random.layout_bytes()).is_err());
+        assert_eq!(Scheme::of_tables("dcl:s=2").expect("known"), "dcl:s=2".parse().expect("known"));
     }
 
     #[test]

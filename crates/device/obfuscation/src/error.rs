@@ -55,6 +55,9 @@ pub enum SealError {
         "the scheme points sends positions unprotected; if that is intended, use SealOptions::unprotected_points"
     )]
     Unprotected,
+    /// The scheme is `dcl:random`, which is for tables of attacks.
+    #[error("the scheme dcl:random is for tables of attacks; seal with dcl")]
+    OnlyForTables,
     /// The profile's vocabulary is larger than the device allows.
     #[error(
         "the profile has a vocabulary of {words} words, this device accepts at most {allowed}; build the map with a \

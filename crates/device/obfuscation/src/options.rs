@@ -2,7 +2,7 @@
 
 use veiloc_descriptor::{GlobalModel, Vocabulary};
 use veiloc_features::{Extractors, SharedGlobal};
-use veiloc_protocol::{AngleBits, ExtractionLimits, Profile, Scheme};
+use veiloc_protocol::{AngleBits, DclLayout, ExtractionLimits, Profile, Scheme};
 
 use crate::{KnownPlace, PackUse, SealError};
 
@@ -57,10 +57,11 @@ impl SealOptions {
     /// With a scheme that hides positions, everything else as [`Self::default`].
     ///
     /// # Errors
-    /// [`SealError::Unprotected`] for `points`.
+    /// [`SealError::Unprotected`] for `points`, [`SealError::OnlyForTables`] for `dcl:random`.
     pub fn new(scheme: Scheme) -> Result<Self, SealError> {
         match scheme {
             Scheme::Points => Err(SealError::Unprotected),
+            Scheme::Dcl(DclLayout::Random) => Err(SealError::OnlyForTables),
             Scheme::RandomLines | Scheme::CoordinatePermutation | Scheme::Dcl(_) => {
                 Ok(Self { scheme, ..Self::default() })
             }

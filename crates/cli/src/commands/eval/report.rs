@@ -13,7 +13,7 @@ use crate::output::ui::Ui;
 #[derive(clap::Args)]
 pub(super) struct ReportArgs {
     /// Schemes to compare.
-    #[arg(long, value_delimiter = ',', default_value = "points,random-lines,dcl", value_name = "SCHEME,…")]
+    #[arg(long, value_delimiter = ',', default_value = "points,random-lines,dcl", value_name = "SCHEME,…", value_parser = Scheme::of_tables)]
     pub(super) schemes: Vec<Scheme>,
     /// Thresholds of the recall columns, `translation/degrees` with the translation in map units.
     #[arg(long, value_delimiter = ',', default_value = "0.05/5,0.25/2", value_name = "T/DEG,…")]

@@ -75,6 +75,8 @@ pub struct Layout {
     count: usize,
     sectors: Sectors,
     across: Option<Sectors>,
+    /// Whether each direction may have any anchor.
+    is_random: bool,
 }
 
 impl Layout {
@@ -101,7 +103,7 @@ impl Layout {
         let mut all = [anchors.first().copied().unwrap_or(AnchorPosition::Toward(0.0)); Anchor::MAX_COUNT];
         fits.then(|| {
             all[..count].copy_from_slice(anchors);
-            Self { anchors: all, count, sectors, across }
+            Self { anchors: all, count, sectors, across, is_random: false }
         })
     }
 
@@ -116,6 +118,19 @@ impl Layout {
         let at = |sign: f64| AnchorPosition::At([sign * 0.5 * s * cos, sign * 0.5 * s * sin]);
         let sectors = Sectors { axis: angle, count: 2, shift: 0.0 };
         (s > 0.0).then(|| Self::new(&[at(-1.0), at(1.0)], sectors, None)).flatten()
+    }
+
+    /// These anchors, each keypoint assigned to one of them at random, whatever its sector: as in ray clouds (Moon et al.,
+    /// CVPR 2024), for tables of attacks.
+    #[must_use]
+    pub const fn with_random_assignment(mut self) -> Self {
+        self.is_random = true;
+        self
+    }
+
+    /// Whether each direction may have any anchor ([`Self::with_random_assignment`]).
+    pub const fn is_random(&self) -> bool {
+        self.is_random
     }
 
     /// The anchors' positions.

@@ -34,6 +34,8 @@ pub struct Pencils {
     all: Vec<Pencil>,
     sectors: PlacedSectors,
     across: Option<PlacedSectors>,
+    /// Whether a keypoint anywhere may have any anchor.
+    is_random: bool,
 }
 
 /// An anchor and the axes about it; functionals act on `(u, v, 1)`.
@@ -163,6 +165,7 @@ impl Pencils {
             all: Anchor::first(layout.anchors().len()).map(pencil).collect(),
             sectors: sectors(layout.sectors()),
             across: layout.across().map(sectors),
+            is_random: layout.is_random(),
         })
     }
 
@@ -224,7 +227,7 @@ impl Pencils {
         (pixel.vector() * at.z - at.xy()).norm()
     }
 
-    /// The anchor of a keypoint at this pixel.
+    /// The anchor of a keypoint at this pixel; of a random assignment the one that its sector would have.
     pub fn anchor_of(&self, pixel: Pixel) -> Anchor {
         let pixel = pixel.homogeneous();
         let sector = self.sectors.position(&pixel).floor()
@@ -234,6 +237,9 @@ impl Pencils {
 
     /// Whether a row of this anchor can have its keypoint at this pixel, or at most `margin` pixels from it.
     pub fn admits(&self, anchor: Anchor, pixel: Pixel, margin: f64) -> bool {
+        if self.is_random {
+            return true;
+        }
         let pixel = pixel.homogeneous();
         if self.across.is_none() && self.sectors.count == 2.0 && self.sectors.shift == 0.0 && self.len() == 2
         {
@@ -255,6 +261,9 @@ impl Pencils {
 
     /// Distance of a pixel from the nearest border of a sector, in pixels of the middle of the image.
     pub fn clearance(&self, pixel: Pixel) -> f64 {
+        if self.is_random {
+            return f64::INFINITY;
+        }
         let of = |sectors: &PlacedSectors| {
             let position = sectors.position(&pixel.homogeneous());
             (position - position.round()).abs() * TAU / sectors.count * self.focal
@@ -262,8 +271,12 @@ impl Pencils {
         of(&self.sectors).min(self.across.as_ref().map_or(f64::INFINITY, of))
     }
 
-    /// Pixels in the middle of the image as a share of a sector.
+    /// Pixels in the middle of the image as a share of a sector. Of a random assignment half a sector, which reaches the
+    /// sectors of both anchors from everywhere.
     pub fn in_sectors(&self, sectors: &PlacedSectors, pixels: f64) -> f64 {
+        if self.is_random {
+            return 0.5;
+        }
         pixels / self.focal * sectors.count / TAU
     }
 
@@ -368,7 +381,8 @@ impl Pencils {
         let mut spans: Vec<Span> = Vec::new();
         for ends in cuts.windows(2) {
             let (near, far) = (ends[0], ends[1]);
-            if far - near > 1e-9 && self.anchor_of(line.at(f64::midpoint(near, far))) == anchor {
+            let is_own = || self.is_random || self.anchor_of(line.at(f64::midpoint(near, far))) == anchor;
+            if far - near > 1e-9 && is_own() {
                 match spans.last_mut() {
                     Some(last) if last.far == near => last.far = far,
                     _ => spans.push(Span { near, far }),

@@ -186,3 +186,26 @@ fn invalid_cameras_are_rejected() {
     }
     assert!(Pencils::new([0, 480], 500.0, &layout, &Rotation3::identity()).is_none());
 }
+
+#[test]
+fn random_assignment_admits_every_anchor_everywhere() {
+    let halves = Layout::halves(FRAC_PI_2, 1.0).expect("finite");
+    let [own, random] = [halves, halves.with_random_assignment()].map(|l| Pencils::of_image([640, 480], &l));
+    for (u, v) in [(100.0, 200.0), (500.0, 470.0), (320.0, 240.0)] {
+        let pixel = Pixel::new(u, v);
+        for anchor in Anchor::BOTH {
+            assert!(random.admits(anchor, pixel, 0.0));
+            let angle = random.angle_of(anchor, pixel);
+            let (line, spans) =
+                (random.along(anchor, angle).expect("it meets the image"), random.spans(anchor, angle));
+            let t = line.direction.dot(&(pixel.vector() - line.origin.vector()));
+            assert!(
+                spans.len() == 1 && spans[0].near <= t && t <= spans[0].far,
+                "{anchor:?} {pixel:?} {spans:?}"
+            );
+        }
+        assert!(random.clearance(pixel).is_infinite());
+    }
+    let left = Pixel::new(100.0, 200.0);
+    assert!(!own.admits(Anchor::SECOND, left, 0.0), "in halves a pixel has one anchor");
+}

@@ -15,6 +15,7 @@
 //! A row holds the anchor and one angle about it ([`AnchoredRow`]), never a scaled line, whose norm would be `‖x − a‖`
 //! (rule L1). The wire rounds the angle (rule L2); a session quantizes it on a grid before (rule L10).
 
+use rand::Rng;
 use veiloc_geometry::{Anchor, Pencils, Pinhole, Pixel};
 use veiloc_protocol::{AnchoredRow, AngleBits, DclLayout, LayoutTurn, Rows};
 
@@ -54,6 +55,19 @@ impl<'a> DclLift<'a> {
     /// Anchor and angle of each position.
     pub(crate) fn anchor_angles(&self, dithered: &[Pixel]) -> Vec<AnchorAngle> {
         dithered.iter().map(|pixel| self.anchor_angle(*pixel)).collect()
+    }
+
+    /// An anchor at random, and the angle about it, of each position: for tables of attacks.
+    pub(crate) fn of_random_anchors<R: Rng + ?Sized>(
+        &self,
+        dithered: &[Pixel],
+        rng: &mut R,
+    ) -> Vec<AnchorAngle> {
+        let of = |pixel: &Pixel| {
+            let anchor = Anchor::BOTH[usize::from(rng.random::<bool>())];
+            AnchorAngle { anchor, angle: self.pencils.angle_of(anchor, *pixel) }
+        };
+        dithered.iter().map(of).collect()
     }
 
     /// The rows of these anchors and angles. `[N]`

@@ -15,7 +15,7 @@ mod random_lines;
 
 use rand::Rng;
 use veiloc_geometry::{Pinhole, Pixel};
-use veiloc_protocol::{AngleBits, Rows, Scheme};
+use veiloc_protocol::{AngleBits, DclLayout, Rows, Scheme};
 
 use crate::SealError;
 use crate::rule::FrameRule;
@@ -44,7 +44,10 @@ pub(crate) fn lift<R: Rng + ?Sized>(
         Scheme::Dcl(layout) => {
             let rule = FrameRule::default();
             let dcl = DclLift::new(layout, camera, &rule, bits);
-            Ok(dcl.rows(&dcl.anchor_angles(dithered)))
+            Ok(dcl.rows(&match layout {
+                DclLayout::Random => dcl.of_random_anchors(dithered, rng),
+                DclLayout::Halves(_) | DclLayout::Sectors(_) => dcl.anchor_angles(dithered),
+            }))
         }
     }
 }

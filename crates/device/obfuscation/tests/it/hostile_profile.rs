@@ -41,6 +41,8 @@ fn profile_cannot_choose_scheme_or_angle_bits() {
 #[test]
 fn points_scheme_requires_explicit_option() {
     assert!(matches!(SealOptions::new(Scheme::Points), Err(SealError::Unprotected)));
+    let random = Scheme::of_tables("dcl:random").expect("known");
+    assert!(matches!(SealOptions::new(random), Err(SealError::OnlyForTables)));
     assert!(SealOptions::default().scheme().hides_positions());
     let query = sealed(&profile(), &SealOptions::unprotected_points(), 300).expect("sealed");
     assert_eq!(query.scheme(), Scheme::Points, "the explicit word works");
