@@ -36,7 +36,7 @@ with the gravity solvers.
     estimate-noise = false  use it as given in the final refinement too
     hypotheses = 1000       otherwise the search stops by itself
     prior = false           equal match weights
-    retrieve = 10           map images that a query is matched with
+    retrieve = 10           map images that a query is matched with; otherwise 10, for Aachen 50
     ratio = 0.8             of nearest to second-nearest descriptor distance, at most";
 
 impl EstimatorArgs {

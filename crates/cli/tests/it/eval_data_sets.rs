@@ -183,6 +183,8 @@ fn missing_files_are_named_with_source() {
         refused.code == Some(1) && refused.stderr.contains("--submission is no option of cambridge"),
         "{refused}"
     );
+    let refused = scene.run("eval dataset aachen-v1.1 --root empty");
+    assert!(refused.code == Some(1) && refused.stderr.contains("`aachen` if this is v1"), "{refused}");
     let refused = scene.run("synth export --layout 7scenes --out empty");
     assert_eq!(refused.code, Some(1), "{refused}");
     assert!(refused.stderr.contains("the folder is not empty"), "{refused}");

@@ -6,7 +6,6 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use veiloc_geometry::{CameraFromWorld, Intrinsics};
 use veiloc_map::colmap::{ColmapImage, ColmapModel, read_posed, write_binary};
@@ -33,24 +32,7 @@ pub enum AachenVersion {
     V1_1,
 }
 
-impl FromStr for AachenVersion {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        match text {
-            "1" | "v1" | "1.0" => Ok(Self::V1),
-            "1.1" | "v1.1" => Ok(Self::V1_1),
-            _ => Err(format!("{text:?} is not a version; use 1 or 1.1")),
-        }
-    }
-}
-
 impl AachenVersion {
-    /// The newest version that has a model in the folder; the first version if there is none.
-    pub fn in_folder(root: &Path) -> Self {
-        if Self::V1_1.model(root).is_dir() { Self::V1_1 } else { Self::V1 }
-    }
-
     fn model(self, root: &Path) -> PathBuf {
         root.join("3D-models").join(match self {
             Self::V1 => "aachen_cvpr2018_db.nvm",
@@ -58,7 +40,8 @@ impl AachenVersion {
         })
     }
 
-    const fn name(self) -> &'static str {
+    /// Name of the data set.
+    pub const fn name(self) -> &'static str {
         match self {
             Self::V1 => "aachen",
             Self::V1_1 => "aachen-v1.1",
@@ -104,7 +87,7 @@ pub fn read(
         }
     }
     remarks.extend(found.finish(GET)?);
-    let whole = is_whole("aachen", version.name(), mapped.images().len(), queries.len());
+    let whole = is_whole(version.name(), version.name(), mapped.images().len(), queries.len());
     Ok(DatasetScene { name: version.name().to_owned(), images, mapped, queries, is_official: whole, remarks })
 }
 
@@ -115,7 +98,7 @@ fn by_nvm(
     remarks: &mut Vec<String>,
 ) -> Result<PosedImages, DatasetError> {
     if !path.is_file() {
-        let remedy = GET.to_owned();
+        let remedy = format!("{GET}, or evaluate `aachen-v1.1` if this is v1.1");
         return Err(DatasetError::Missing { path: path.to_owned(), what: "the model of v1", remedy });
     }
     let model = read_nvm(path)?;
@@ -140,7 +123,7 @@ fn by_nvm(
 
 fn by_colmap(path: &Path, found: &mut ImageFiles) -> Result<PosedImages, DatasetError> {
     if !path.is_dir() {
-        let remedy = GET.to_owned();
+        let remedy = format!("{GET}, or evaluate `aachen` if this is v1");
         return Err(DatasetError::Missing { path: path.to_owned(), what: "the model of v1.1", remedy });
     }
     let model = read_posed(path)?;

@@ -18,7 +18,7 @@ const COUNTS: &[(&str, &str, usize, usize)] = &[
     ("cambridge", "ShopFacade", 231, 103),
     ("cambridge", "StMarysChurch", 1487, 530),
     ("aachen", "aachen", 4328, 922),
-    ("aachen", "aachen-v1.1", 6697, 1015),
+    ("aachen-v1.1", "aachen-v1.1", 6697, 1015),
 ];
 
 /// Whether these numbers of map images and queries are those of the published scene.

@@ -23,5 +23,5 @@ pub use error::EvalError;
 pub use make_problems::{GeneratedProblem, make_problems};
 pub use scene::{
     CameraError, Condition, ConditionError, Degradation, DrawnQuery, DrawnScheme, FROM_TRUTH, NegativeImage,
-    Odometry, SceneEvaluation, drawn_queries, evaluate_scene, folder_name, sequence_of,
+    Odometry, RetrievedImages, SceneEvaluation, drawn_queries, evaluate_scene, folder_name, sequence_of,
 };

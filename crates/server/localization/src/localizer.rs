@@ -19,7 +19,7 @@ use crate::calibrated::{CalibratedEstimate, RawEstimate};
 use crate::correspondences::observe_matches;
 use crate::error::LocalizeError;
 use crate::matching::{PairEvidence, PointMatch, match_points_until, matches_of_device};
-use crate::retrieval::{RetrievedImage, retrieve_with_other_places};
+use crate::retrieval::{RetrievedImage, given_images, retrieve_with_other_places};
 
 /// Options of localization.
 #[derive(Debug, Clone)]
@@ -28,6 +28,9 @@ pub struct LocalizeOptions {
     /// Number of retrieved images, without up to three of other places that look like them
     /// ([`crate::retrieval::retrieve_with_other_places`]). Default: [`RETRIEVED_IMAGES`], as devices with a pack.
     pub retrieve: usize,
+    /// Map images to match with, best first, as another program retrieved them: in place of retrieval by global
+    /// descriptors. Images that the map does not have are left out. Default: `None`.
+    pub retrieved: Option<Vec<usize>>,
     /// Descriptor matching: mutual check on, no ratio test, as in the paper.
     pub matching: MatchOptions,
     /// Whether matches have a prior from their descriptor ratio, the votes of retrieved images and the track length
@@ -47,6 +50,7 @@ impl Default for LocalizeOptions {
     fn default() -> Self {
         Self {
             retrieve: RETRIEVED_IMAGES,
+            retrieved: None,
             matching: MatchOptions::default(),
             use_prior: true,
             pose: PoseOptions::default(),
@@ -176,7 +180,10 @@ pub fn match_in(
     let stop = &options.pose.stop;
     let (matches, retrieved, retrieved_at) = match query.content() {
         QueryContent::Described { descriptors, global } => {
-            let retrieved = retrieve_with_other_places(global, map, options.retrieve);
+            let retrieved = match &options.retrieved {
+                None => retrieve_with_other_places(global, map, options.retrieve),
+                Some(images) => given_images(images, map),
+            };
             let retrieved_at = Instant::now();
             let matches = match_points_until(descriptors.view(), map, &retrieved, &options.matching, stop);
             (matches, retrieved, retrieved_at)

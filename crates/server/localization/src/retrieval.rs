@@ -41,6 +41,12 @@ pub fn retrieve_with_other_places(
     retrieved
 }
 
+/// Images that the caller retrieved, without those that the map does not have; their similarity is not known (0).
+pub(crate) fn given_images(images: &[usize], map: MapView<'_>) -> Vec<RetrievedImage> {
+    let is_there = |image: &usize| *image < map.file().image_count() && !map.is_left_out(*image);
+    images.iter().copied().filter(is_there).map(|image| RetrievedImage { image, similarity: 0.0 }).collect()
+}
+
 /// The `count` map images most similar to the query, among as many candidates as for the `requested` ones.
 fn ranked(query: &GlobalDescriptor, map: MapView<'_>, requested: usize, count: usize) -> Vec<RetrievedImage> {
     let found = match map.file().global_index() {

@@ -7,6 +7,7 @@ mod inversion;
 mod keypoints;
 mod negatives;
 mod pack;
+mod pairs;
 mod pose;
 mod posed_scene;
 mod problems;

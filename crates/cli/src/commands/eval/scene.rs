@@ -7,6 +7,7 @@ use veiloc_evaluation::results::{MapSummary, QueryResult, SchemeSummary};
 use veiloc_evaluation::{Condition, FROM_TRUTH, Odometry, SceneEvaluation, evaluate_scene};
 use veiloc_map::PosedImages;
 use veiloc_map::regions::SplitOptions;
+use veiloc_protocol::{DclLayout, Scheme};
 use veiloc_report::LengthUnit;
 
 use crate::args::extraction_args::ExtractionArgs;
@@ -14,6 +15,7 @@ use crate::args::localization_args::{EstimatorArgs, not_negative, positive};
 use crate::args::progressive_args::ProgressiveArgs;
 use crate::commands::eval::html::{self, HtmlArgs};
 use crate::commands::eval::negatives::NegativeArgs;
+use crate::commands::eval::pairs::PairsArgs;
 use crate::commands::eval::posed_scene::{PosedSceneArgs, with_remedy};
 use crate::commands::eval::report::ReportArgs;
 use crate::output::exit::{Exit, Failure, Outcome};
@@ -56,6 +58,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE", requires = "negatives", conflicts_with_all = ["posed", "keep_map", "compress"])]
     map: Option<PathBuf>,
     #[command(flatten)]
+    pairs: PairsArgs,
+    #[command(flatten)]
     progressive: ProgressiveArgs,
     /// Folder of the queries' masks, one per query: `door/3.jpg.png` for `door/3.jpg`, as in COLMAP. Black pixels are
     /// hidden, as with `seal --masks`.
@@ -74,7 +78,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "TIMES", value_parser = above_one)]
     compress: Option<f64>,
     /// Split the map into regions of at most N images, as `veiloc map split --images` does, and localize each query in
-    /// up to three regions that hold the images which the whole map would retrieve, as `veiloc serve --workers` does.
+    /// up to three regions that hold the images which the whole map would retrieve, as a gateway does.
     /// Default: the map is not split.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     regions: Option<u32>,
@@ -110,6 +114,12 @@ impl SceneArgs {
 
     /// Returns the evaluation of this scene.
     fn of(&self, scene: SceneEvaluation) -> Result<SceneEvaluation, Failure> {
+        if self.report.schemes.contains(&Scheme::Dcl(DclLayout::Random)) {
+            return Err(Failure::with_help(
+                "dcl:random is for tables of attacks: no device seals with it",
+                "give it to `attack`, `eval inversion` or `eval pose`",
+            ));
+        }
         Ok(SceneEvaluation {
             keep_map: self.keep_map.as_deref().map(Path::to_owned),
             build: self.extraction.options()?,
@@ -179,6 +189,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         },
         map: args.map.clone(),
         masks: args.masks.clone(),
+        retrieved: args.pairs.retrieved()?,
         work: args.work.as_deref().map(Path::to_owned),
         jobs: args.jobs.into(),
         compress: args.compress,
@@ -189,6 +200,10 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             .map_or(QueryTransmission::Whole, QueryTransmission::Progressive),
         ..evaluation
     };
+    if let Some(retrieved) = &evaluation.retrieved {
+        let queries = evaluation.query_list.iter().map(String::as_str);
+        args.pairs.check(retrieved, queries, &evaluation.map_list, ui)?;
+    }
     let report = args.html.begin(1, LengthUnit::Map)?;
     if let Some(report) = &report {
         if !args.conditions.contains(&Condition::NONE) {

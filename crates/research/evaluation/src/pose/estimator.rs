@@ -34,6 +34,8 @@ pub struct Estimator {
     pub localize: LocalizeOptions,
     /// Whether it is the paper's without an inlier threshold of its own: published data sets each have one.
     pub as_published: bool,
+    /// Whether its file names a number of retrieved images: otherwise a published data set has its own.
+    pub names_retrieve: bool,
     /// What starts from the true pose instead of a search.
     pub(crate) from_truth: Option<TruthStart>,
 }
@@ -112,7 +114,13 @@ impl Estimator {
         localize.pose.score = sampling.map(|(score, _)| score);
         localize.pose.anchored_solver = sampling.map(|(_, solver)| solver);
         localize.use_prior = prior;
-        Self { name: name.to_owned(), localize, as_published: name == PAPER, from_truth }
+        Self {
+            name: name.to_owned(),
+            localize,
+            as_published: name == PAPER,
+            names_retrieve: false,
+            from_truth,
+        }
     }
 
     fn of_file(path: &Path) -> Result<Self, EvalError> {
@@ -141,6 +149,7 @@ impl Estimator {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         estimator.name = file.name.unwrap_or(stem);
         estimator.as_published &= file.max_error_px.is_none();
+        estimator.names_retrieve |= file.retrieve.is_some();
         let LocalizeOptions { retrieve, matching, use_prior, pose, .. } = &mut estimator.localize;
         *retrieve = file.retrieve.unwrap_or(*retrieve);
         matching.max_ratio = file.ratio;

@@ -27,7 +27,8 @@ pub(super) fn from_truth(
     evaluation: &SceneEvaluation,
     radius_px: f64,
 ) -> [QueryResult; 2] {
-    let (options, score) = (evaluation.localize(), evaluation.estimators[0].score());
+    let options = &*evaluation.with_retrieved(evaluation.localize(), name, map);
+    let score = evaluation.estimators[0].score();
     let matched = sent.map_err(ToString::to_string).and_then(|sent| {
         let query = SealedQuery::decode(&sent.bytes).map_err(|error| error.to_string())?;
         let problem = match_query(&query, map, options).map_err(|error| error.to_string())?.problem;

@@ -15,6 +15,7 @@ mod from_truth;
 mod loss;
 mod one_query;
 mod options;
+mod retrieved;
 mod sequence;
 mod sparse;
 mod work;
@@ -32,6 +33,7 @@ pub use degrade::Degradation;
 pub use drawing::{DrawnQuery, DrawnScheme, drawn_queries};
 pub use from_truth::FROM_TRUTH;
 pub use options::{NegativeImage, Odometry, SceneEvaluation};
+pub use retrieved::RetrievedImages;
 pub use sequence::sequence_of;
 
 use crate::error::EvalError;
@@ -57,6 +59,9 @@ pub fn evaluate_scene(
     let cases: Vec<Case> = evaluation.conditions.iter().map(of).collect::<Result<_, _>>()?;
     let queries = evaluation.all_queries()?;
     let negatives = evaluation.negatives.iter().map(|image| image.query()).collect::<Result<Vec<_>, _>>()?;
+    if let Some(retrieved) = &evaluation.retrieved {
+        retrieved.check(queries.iter().map(|query| query.name.as_str()), &evaluation.map_list)?;
+    }
     let sequences = Sequences::of(evaluation)?;
     for (query, case) in queries.iter().flat_map(|query| cases.iter().map(move |case| (query, case))) {
         case.assumed_camera(&query.camera, &query.name, evaluation.seed)?;

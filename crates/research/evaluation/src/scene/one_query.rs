@@ -124,7 +124,7 @@ fn localize_under(
         let seal_ms = started.elapsed().as_secs_f64() * 1e3;
         let mut of_scheme = Vec::new();
         for estimator in &evaluation.estimators {
-            let localize = &estimator.localize;
+            let localize = &*evaluation.with_retrieved(&estimator.localize, &query.name, served.whole());
             let mut result = match &sealed {
                 Ok(sent) => {
                     let transmission = evaluation.transmission;
@@ -135,13 +135,8 @@ fn localize_under(
                         result.state = Some(State::Trusted);
                     }
                     if let Some(truth) = query.truth.as_ref().filter(|_| is_lost(&result, evaluation)) {
-                        result.lost_in = LossStage::of(
-                            sent,
-                            truth,
-                            served.whole(),
-                            &estimator.localize,
-                            &evaluation.thresholds,
-                        );
+                        result.lost_in =
+                            LossStage::of(sent, truth, served.whole(), localize, &evaluation.thresholds);
                     }
                     result
                 }

@@ -10,11 +10,12 @@ use veiloc_map::PosedImages;
 use veiloc_map::regions::SplitOptions;
 use veiloc_mapping::{BuildOptions, Input, OnOtherCoordinateFrame, image_file, mask_file};
 use veiloc_obfuscation::audit::options_for;
-use veiloc_obfuscation::{KnownCamera, SealError, SealOptions, Sealer};
+use veiloc_obfuscation::{KnownCamera, PackUse, SealError, SealOptions, Sealer};
 use veiloc_pose::ScoreKind;
 use veiloc_protocol::{FocalKnowledge, Profile, Scheme};
 
 use super::condition::Condition;
+use super::retrieved::RetrievedImages;
 use crate::error::EvalError;
 use crate::pipeline::{EvaluatedQuery, PosedQuery, QueryTransmission, queries_of_scene};
 use crate::pose::Estimator;
@@ -61,6 +62,8 @@ pub struct SceneEvaluation {
     pub odometry: Odometry,
     /// Folder of the queries' masks ([`veiloc_mapping::mask_file`]): masked keypoints are not sent. `None`: no masks.
     pub masks: Option<PathBuf>,
+    /// Map images that another program retrieved for each query. `None`: the map's own retrieval.
+    pub retrieved: Option<RetrievedImages>,
     /// How queries are sent.
     pub transmission: QueryTransmission,
     /// Out-of-map images of the condition `negatives`, which must not be localized.
@@ -105,6 +108,7 @@ impl SceneEvaluation {
             from_truth: None,
             odometry: Odometry::default(),
             masks: None,
+            retrieved: None,
             transmission: QueryTransmission::Whole,
             negatives: Vec::new(),
             map: None,
@@ -181,13 +185,22 @@ impl SceneEvaluation {
         if self.map.is_some() && any(|condition| !condition.negatives || condition.sparse_map) {
             return refuse("a map that is built already has only the condition `negatives`");
         }
+        let is_served_whole = self.regions.is_none() && self.transmission == QueryTransmission::Whole;
+        let retrieves = |condition: &Condition| {
+            condition.negatives || condition.frames.is_some() || condition.pack == Some(PackUse::Matches)
+        };
+        if self.retrieved.is_some() && (!is_served_whole || any(retrieves)) {
+            return refuse(
+                "a list of pairs is for queries that are sent whole to a whole map, one by one, with descriptors",
+            );
+        }
         if !any(|condition| condition.frames.is_some()) {
             return Ok(());
         }
         if self.estimators.len() > 1 || self.estimators[0].score() != ScoreKind::Likelihood {
             return refuse("images together are localized by one estimator, which uses the likelihood");
         }
-        if self.regions.is_some() || self.transmission != QueryTransmission::Whole {
+        if !is_served_whole {
             return refuse("images together are localized in one map, and sent whole");
         }
         let Odometry { rotation_sd_deg, translation_sd, max_distance } = self.odometry;

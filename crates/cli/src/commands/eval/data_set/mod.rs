@@ -49,13 +49,14 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
             let camera = args.camera.as_ref();
             evaluate(&names, &|name| cambridge::read_scene(root, name, camera, missing), args, ui)?
         }
-        DataSet::Aachen => {
-            let version = args.version.unwrap_or_else(|| aachen::AachenVersion::in_folder(root));
+        DataSet::Aachen | DataSet::AachenV1_1 => {
+            let is_first = args.data_set == DataSet::Aachen;
+            let version = if is_first { aachen::AachenVersion::V1 } else { aachen::AachenVersion::V1_1 };
             let truth = args.truth.as_deref().map(aachen::read_poses).transpose().map_err(refused)?;
             let all = || aachen::CONDITIONS.map(str::to_owned).to_vec();
             let conditions = args.conditions.clone().unwrap_or_else(all);
             let read = |_: &str| aachen::read(root, version, &conditions, truth.as_ref(), missing);
-            evaluate(&["aachen".to_owned()], &read, args, ui)?
+            evaluate(&[version.name().to_owned()], &read, args, ui)?
         }
     };
     if let Some(path) = &args.submission {

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use veiloc_datasets::MissingImages;
-use veiloc_datasets::aachen::AachenVersion;
 use veiloc_evaluation::pose::Estimator;
 use veiloc_evaluation::results::metrics::Threshold;
 use veiloc_geometry::Intrinsics;
@@ -14,6 +13,7 @@ use crate::args::extraction_args::ExtractionArgs;
 use crate::args::json_args::JsonArgs;
 use crate::args::localization_args::EstimatorArgs;
 use crate::commands::eval::html::HtmlArgs;
+use crate::commands::eval::pairs::PairsArgs;
 use crate::output::exit::Failure;
 use crate::output::targets::{OutFile, OutFolder};
 
@@ -27,9 +27,12 @@ pub(super) enum DataSet {
     /// Cambridge Landmarks: the map is built from `dataset_train.txt` of each scene, the images of `dataset_test.txt`
     /// are queries; cameras come from `reconstruction.nvm`.
     Cambridge,
-    /// Aachen Day-Night, v1 and v1.1: the poses of its queries are not published, `--submission` writes the files that
-    /// `https://www.visuallocalization.net` evaluates.
+    /// Aachen Day-Night v1, the paper's: the poses of its queries are not published, `--submission` writes the files
+    /// that `https://www.visuallocalization.net` evaluates.
     Aachen,
+    /// Aachen Day-Night v1.1, with more images and other reference poses.
+    #[value(name = "aachen-v1.1")]
+    AachenV1_1,
 }
 
 impl DataSet {
@@ -39,6 +42,7 @@ impl DataSet {
             Self::SevenScenes => "7scenes",
             Self::Cambridge => "cambridge",
             Self::Aachen => "aachen",
+            Self::AachenV1_1 => "aachen-v1.1",
         }
     }
 
@@ -48,6 +52,7 @@ impl DataSet {
             Self::SevenScenes => "eval dataset 7scenes",
             Self::Cambridge => "eval dataset cambridge",
             Self::Aachen => "eval dataset aachen",
+            Self::AachenV1_1 => "eval dataset aachen-v1.1",
         }
     }
 
@@ -56,7 +61,7 @@ impl DataSet {
         match self {
             Self::SevenScenes => &[(0.05, 5.0)],
             Self::Cambridge => &[(0.25, 2.0), (0.5, 5.0)],
-            Self::Aachen => &[(0.25, 2.0), (0.5, 5.0), (5.0, 10.0)],
+            Self::Aachen | Self::AachenV1_1 => &[(0.25, 2.0), (0.5, 5.0), (5.0, 10.0)],
         }
     }
 
@@ -65,7 +70,15 @@ impl DataSet {
         match self {
             Self::SevenScenes => 4.0,
             Self::Cambridge => 18.0,
-            Self::Aachen => 8.0,
+            Self::Aachen | Self::AachenV1_1 => 8.0,
+        }
+    }
+
+    /// Retrieved images per query, as in hloc and the paper.
+    const fn retrieve(self) -> usize {
+        match self {
+            Self::SevenScenes | Self::Cambridge => 10,
+            Self::Aachen | Self::AachenV1_1 => 50,
         }
     }
 }
@@ -84,7 +97,8 @@ pub(super) enum PoseKind {
 /// Builds the map of each scene, seals every query image under every scheme, localizes it, and compares with its known
 /// pose. `python3 research/study paper` prints the results beside the paper's. With `--estimator paper`, or a file based
 /// on it without `max-error-px`, points have the paper's inlier threshold for the data set (4 pixels for 7Scenes, 18 for
-/// Cambridge, 8 for Aachen), and `dcl` the paper's halves.
+/// Cambridge, 8 for Aachen), and `dcl` the paper's halves. As in hloc, a query is matched with 10 map images, in Aachen
+/// with 50; `--pairs` takes those that another program retrieved.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The data set.
@@ -110,9 +124,6 @@ pub(crate) struct Args {
     /// cambridge: one camera for all images, MODEL,WIDTH,HEIGHT,PARAMS…. Default: the cameras of `reconstruction.nvm`.
     #[arg(long, value_name = "CAMERA")]
     pub(super) camera: Option<Intrinsics>,
-    /// aachen: version of the data set, 1 (the paper's) or 1.1. Default: 1.1 if its model exists, otherwise 1.
-    #[arg(long, value_name = "VERSION")]
-    pub(super) version: Option<AachenVersion>,
     /// aachen: query conditions, named as their lists. Default: day and night.
     #[arg(long, value_delimiter = ',', value_name = "CONDITION,…")]
     pub(super) conditions: Option<Vec<String>>,
@@ -147,6 +158,8 @@ pub(crate) struct Args {
     #[command(flatten)]
     extraction: ExtractionArgs,
     #[command(flatten)]
+    pub(super) pairs: PairsArgs,
+    #[command(flatten)]
     pub(super) estimator: EstimatorArgs,
     #[command(flatten)]
     pub(super) attack: AttackArgs,
@@ -159,17 +172,16 @@ pub(crate) struct Args {
 impl Args {
     /// An option that was given and belongs to another data set.
     pub(super) fn of_another_data_set(&self) -> Option<&'static str> {
-        use DataSet::{Aachen, Cambridge, SevenScenes};
-        let given: [(&str, bool, &[DataSet]); 9] = [
+        use DataSet::{Aachen, AachenV1_1, Cambridge, SevenScenes};
+        let given: [(&str, bool, &[DataSet]); 8] = [
             ("scenes", !self.scenes.is_empty(), &[SevenScenes, Cambridge]),
             ("exclude", self.exclude.is_some(), &[SevenScenes, Cambridge]),
             ("poses", self.poses.is_some(), &[SevenScenes]),
             ("pseudo-ground-truth", self.pseudo_ground_truth.is_some(), &[SevenScenes]),
             ("camera", self.camera.is_some(), &[Cambridge]),
-            ("version", self.version.is_some(), &[Aachen]),
-            ("conditions", self.conditions.is_some(), &[Aachen]),
-            ("truth", self.truth.is_some(), &[Aachen]),
-            ("submission", self.submission.is_some(), &[Aachen]),
+            ("conditions", self.conditions.is_some(), &[Aachen, AachenV1_1]),
+            ("truth", self.truth.is_some(), &[Aachen, AachenV1_1]),
+            ("submission", self.submission.is_some(), &[Aachen, AachenV1_1]),
         ];
         let wrong = given.into_iter().find(|(_, is_given, of)| *is_given && !of.contains(&self.data_set));
         wrong.map(|(name, ..)| name)
@@ -179,6 +191,9 @@ impl Args {
     /// paper's layout.
     pub(super) fn estimator(&self) -> Result<(Estimator, Vec<Scheme>), Failure> {
         let (mut estimator, mut schemes) = (self.estimator.estimator()?, self.schemes.clone());
+        if !estimator.names_retrieve {
+            estimator.localize.retrieve = self.data_set.retrieve();
+        }
         if estimator.as_published {
             estimator.localize.pose.max_error_px = self.data_set.paper_max_error_px();
             for scheme in schemes.iter_mut().filter(|scheme| **scheme == Scheme::default()) {

@@ -36,6 +36,17 @@ pub(super) fn evaluate(
         schemes: Vec::new(),
         queries: Vec::new(),
     };
+    let retrieved = args.pairs.retrieved()?;
+    if scenes.len() > 1 && retrieved.is_some() {
+        return Err(Failure::with_help(
+            "--pairs has the queries of one scene",
+            "name this scene with --scenes",
+        ));
+    }
+    if let (Some(retrieved), [scene]) = (&retrieved, &scenes[..]) {
+        let queries = scene.queries.iter().map(|query| query.name.as_str());
+        args.pairs.check(retrieved, queries, &scene.mapped.names(), ui)?;
+    }
     let mut report = args.html.begin(scenes.len(), LengthUnit::Metres)?;
     let mut attacked = None;
     for scene in &scenes {
@@ -48,6 +59,7 @@ pub(super) fn evaluate(
             if scene.is_official { "" } else { " (not the published scene)" }
         ));
         let mut evaluation = scene_evaluation(scene, args)?;
+        evaluation.retrieved.clone_from(&retrieved);
         if let Some(report) = &report {
             report.keep_map(&mut evaluation);
         }

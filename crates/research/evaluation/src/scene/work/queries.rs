@@ -33,6 +33,7 @@ impl Work {
         base.debug(&evaluation.transmission);
         base.debug(&evaluation.from_truth);
         base.debug(&evaluation.masks.is_some());
+        base.debug(&evaluation.retrieved);
         base.debug(&evaluation.seed);
         if let Some(regions) = &evaluation.regions {
             base.debug(regions);
