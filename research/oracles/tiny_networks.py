@@ -58,6 +58,14 @@ def inversion():
     plain = DATA / "learned/plain.onnx"
     write(plain, grid, image, [conv, colours], kernel=kernel)
     describe("plain", "inversion", "sift", 128, side=32, multiple=4)
+    # The colour at the keypoints of a cell, gray where there are none; and white where there are keypoints.
+    own = {"features": [1, 4, "H", "W"]}
+    half, gray = 0.5 * np.eye(3, 4, dtype=np.float32).reshape(3, 4, 1, 1), np.full(3, 0.5, np.float32)
+    write(DATA / "learned/colour.onnx", own, image, [node("Conv", "features half gray", "image", kernel_shape=[1, 1])], half=half, gray=gray)
+    describe("colour", "inversion", "sift", 3, side=32, multiple=4, input="colour")
+    bright = node("Concat", "features features features", "image", axis=1)
+    write(DATA / "learned/places.onnx", {"features": [1, 1, "H", "W"]}, image, [bright])
+    describe("places", "inversion", "sift", 0, side=32, multiple=4, input="positions")
     # A network with logarithms of zero, and one whose image has half the sides.
     nan = [conv, node("Log", "colours", "image")]
     write(DATA / "learned/nan.onnx", grid, image, nan, kernel=kernel)
@@ -88,12 +96,12 @@ def positions():
     ]
     tensors = dict(middles=fields() / np.sqrt(np.float32(12)), bins=np.array([2], np.int64), last=np.array([3], np.int64))
     write(DATA / "learned/positions.onnx", inputs, {"logits": [1, "N", "B"]}, nodes, factor=np.float32(-50), **tensors)
-    describe("positions", "positions", "made-up", 12, scheme="dcl:paper", sees="row")
+    describe("positions", "positions", "made-up", 12, scheme="dcl:paper", input="row")
     # An untrained network.
     zero = [node("Mul", "guess nothing", "small"), node("Mul", "small nothing", "logits")]
     keep = [node("ReduceSum", "descriptors", "d", keepdims=0), node("ReduceSum", "places", "p", keepdims=0)]
     write(DATA / "learned/untrained.onnx", inputs, {"logits": [1, "N", "B"]}, zero + keep, nothing=np.float32(0))
-    describe("untrained", "positions", "made-up", 12, scheme="dcl:paper", sees="set")
+    describe("untrained", "positions", "made-up", 12, scheme="dcl:paper", input="set")
 
 
 def neighbours():

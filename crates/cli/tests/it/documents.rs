@@ -56,6 +56,11 @@ const COMMANDS: &[(&str, &str)] = &[
         "eval inversion images/query-1.png --features sift --network {networks}/learned/inversion.toml --classifier \
          {networks}/image_metrics/classifier.onnx --max-keypoints 64 -k 5 --schemes dcl --json",
     ),
+    (
+        "eval inversion",
+        "eval inversion images --list queries.txt --limit 1 --keypoints s.jsonl --server-matches sp.jsonl --features sift \
+         --network {networks}/learned/plain.toml -k 5 --schemes dcl --json",
+    ),
     ("attack", "attack --synthetic 60 --schemes dcl --attacks closed-form --json"),
     (
         "attack",
@@ -109,6 +114,7 @@ fn ready() -> &'static TestScene {
             "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt";
         let few = EXTRACTION.join(" ");
         scene.run(&format!("{problems} {few} -o p.jsonl --keypoints k.jsonl")).succeeded();
+        scene.run(&format!("{problems} {few} --features sift -o sp.jsonl --keypoints s.jsonl")).succeeded();
     });
     scene
 }

@@ -97,3 +97,92 @@ fn eval_problems_output_is_eval_pose_input() {
     let refused = scene.run(&format!("{make} -o no/such/folder/made.jsonl"));
     assert_eq!(refused.code, Some(1), "{refused}");
 }
+
+/// Images of what a server recovers that has localized the query, and of what it knows without an attack.
+#[test]
+fn eval_inversion_attacks_as_a_server() {
+    let scene = scene();
+    let learned = concat!(env!("CARGO_MANIFEST_DIR"), "/../research/attacks/tests/data/learned");
+    scene
+        .run(
+            "eval problems --posed posed --images images --map-list map.txt --query-list queries.txt --features sift \
+             --max-keypoints 1024 --query-keypoints 512 -o sift.jsonl --keypoints sift-keypoints.jsonl",
+        )
+        .succeeded();
+    let eval = format!(
+        "eval inversion images --list queries.txt --limit 2 --network {learned}/plain.toml --features sift \
+         --schemes dcl,dcl:random -k 5"
+    );
+    let known = "--keypoints sift-keypoints.jsonl --server-matches sift.jsonl --json inverted.json";
+    scene.run(&format!("{eval} {known}")).succeeded();
+    let document: serde_json::Value =
+        serde_json::from_slice(&scene.read("inverted.json")).expect("a document");
+    for scheme in ["dcl", "dcl:random"] {
+        let row = |attack: &str| {
+            let rows = document["summary"].as_array().expect("rows").iter();
+            rows.filter(|row| row["scheme"] == scheme)
+                .find(|row| row["attack"] == attack)
+                .expect(attack)
+                .clone()
+        };
+        assert!(row("matched")["mean_px"].is_null(), "nothing is recovered");
+        for attack in ["matched", "server-side", "iterative", "occlusion"] {
+            let psnr =
+                row(attack)["private_psnr"].as_f64().expect("in the box of what the map does not explain");
+            assert!(psnr > 5.0 && psnr < 60.0, "{document}");
+        }
+        assert!(row("server-side")["mean_px"].as_f64().expect("positions") > 0.5, "{document}");
+        assert!(row("graph").get("private_psnr").is_none(), "without a server");
+    }
+    scene.write("one.txt", "map-00.png\n");
+    let refused = scene.run(&format!("{} {known}", eval.replace("queries.txt", "one.txt")));
+    assert_eq!(refused.code, Some(1), "{refused}");
+    assert!(
+        refused.stderr.contains("sift-keypoints.jsonl") && refused.stderr.contains("map-00.png"),
+        "{refused}"
+    );
+}
+
+/// Map images that another program retrieved.
+#[test]
+fn eval_scene_takes_pairs_of_hloc() {
+    let scene = scene();
+    let eval = "eval scene --posed posed --images images --map-list map.txt --query-list queries.txt \
+                --max-keypoints 1024 --query-keypoints 512 --schemes dcl --json pairs.json";
+    let evaluated = |more: &str| {
+        scene.run(&format!("{eval} {more}")).succeeded();
+        serde_json::from_slice::<serde_json::Value>(&scene.read("pairs.json")).expect("a document")["queries"]
+            .clone()
+    };
+    let text = |name: &str| String::from_utf8(scene.read(name)).expect("text");
+    let (map, queries) = (text("map.txt"), text("queries.txt"));
+    let names =
+        |list: &str| list.lines().map(|l| l.split(' ').next().unwrap_or("").to_owned()).collect::<Vec<_>>();
+    let (map, queries) = (names(&map), names(&queries));
+    let pairs = |images: &[&str]| {
+        let lines = queries.iter().flat_map(|q| images.iter().map(move |image| format!("{q} {image}\n")));
+        scene.write("pairs.txt", lines.collect::<String>());
+    };
+    // All map images in any order: as many matches as possible; one alone: fewer.
+    pairs(&map.iter().map(String::as_str).collect::<Vec<_>>());
+    let all = evaluated("--pairs pairs.txt");
+    pairs(&[&map[0], "gone.png"]);
+    let one = scene.run(&format!("{eval} --pairs pairs.txt"));
+    assert!(one.stderr.contains("pairs.txt: ") && one.stderr.contains("not mapped"), "{one}");
+    let one: serde_json::Value = serde_json::from_slice(&scene.read("pairs.json")).expect("a document");
+    for (at, own) in evaluated("").as_array().expect("rows").iter().enumerate() {
+        let count = |rows: &serde_json::Value| rows[at]["correspondences"].as_u64().unwrap_or(0);
+        assert_eq!(all[at]["state"], "trusted", "{all}");
+        assert!(
+            count(&all) >= own["correspondences"].as_u64().expect("a count")
+                && count(&one["queries"]) < count(&all)
+        );
+    }
+    scene.write("pairs.txt", format!("{} {}\n", queries[0], map[0]));
+    let refused = scene.run(&format!("{eval} --pairs pairs.txt"));
+    assert_eq!(refused.code, Some(1), "{refused}");
+    assert!(refused.stderr.contains(&queries[1]) && refused.stderr.contains("pairs"), "{refused}");
+    scene.write("pairs.txt", "one\n");
+    let refused = scene.run(&format!("{eval} --pairs pairs.txt"));
+    assert!(refused.code == Some(1) && refused.stderr.contains("pairs.txt"), "{refused}");
+}

@@ -43,6 +43,15 @@ impl DecodedDescriptors {
         Self { columns }
     }
 
+    /// Numbers that a network is given as they are in place of descriptors, `[N · dimension]` row-major; `dimension` may
+    /// be 0.
+    #[cfg(feature = "networks")]
+    pub fn as_they_are(dimension: usize, count: usize, values: impl Iterator<Item = f32>) -> Self {
+        // Networks get rows whose length is the root of the dimension.
+        let scale = (dimension.max(1) as f32).sqrt();
+        Self { columns: DMatrix::from_iterator(dimension, count, values.map(|value| value / scale)) }
+    }
+
     /// Number of descriptors.
     pub fn len(&self) -> usize {
         self.columns.ncols()

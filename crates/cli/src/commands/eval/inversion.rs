@@ -1,12 +1,14 @@
-//! `veiloc eval inversion`: the paper's Table 1: similarity of images that are reconstructed from attack results.
+//! `veiloc eval inversion`: the paper's Tables 2 and 7: similarity of images that are reconstructed from attack results.
 
 use std::path::{Path, PathBuf};
 
-use veiloc_datasets::problem_files::keypoints_of_images;
-use veiloc_evaluation::attack_evaluation::AttackEvaluation;
+use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_images, read_keypoints};
 use veiloc_evaluation::attack_evaluation::inversion::{
     Classifier, Detector, ImageMetrics, InversionEvaluation, InversionNetwork, PerceptualDistance,
     evaluate_inversion, evaluation_table,
+};
+use veiloc_evaluation::attack_evaluation::{
+    AttackEvaluation, MeasuredKeypoints, PrivateRegion, ServerKnowledge,
 };
 use veiloc_evaluation::report::inversion_page;
 use veiloc_protocol::{ExtractionLimits, Scheme};
@@ -25,7 +27,7 @@ use super::html;
 
 /// Reconstruct images from recovered keypoints under every scheme, and compare them with the originals.
 ///
-/// The paper's Table 1 and more. Each image's keypoints are obfuscated under each scheme, attacked, and passed to an
+/// The paper's Tables 2 and 7, and more. Each image's keypoints are obfuscated under each scheme, attacked, and passed to an
 /// image inversion network (research/train). The result is compared with the original on the network's grid: PSNR,
 /// SSIM, ST-LPIPS, the objects that a detector still finds, and whether a classifier still recognises the content. Use
 /// images that the network was not trained on.
@@ -45,7 +47,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE")]
     network: PathBuf,
     /// Schemes, in the order of the table. Default: all.
-    #[arg(long, value_delimiter = ',', value_name = "SCHEME,…")]
+    #[arg(long, value_delimiter = ',', value_name = "SCHEME,…", value_parser = Scheme::of_tables)]
     schemes: Vec<Scheme>,
     /// Keypoints of other scenes, as written by `eval keypoints`: the attacker learns neighbours from them.
     #[arg(long, value_name = "FILE", num_args = 1..)]
@@ -66,6 +68,18 @@ pub(crate) struct Args {
     /// Maximum number of keypoints per image; the strongest are used.
     #[arg(long, default_value_t = 1024, value_name = "N", value_parser = clap::value_parser!(u32).range(64..=65536))]
     max_keypoints: u32,
+    /// Keypoints of the listed images with their descriptors, as `eval problems --keypoints` writes them. Default: they
+    /// are extracted.
+    #[arg(long, value_name = "FILE", requires = "list")]
+    keypoints: Option<PathBuf>,
+    /// Matches of these keypoints with a map (`eval problems`): the attacker is also a server that has localized the
+    /// images, and attacks the keypoints that its map does not explain.
+    #[arg(long, value_name = "PROBLEMS", requires = "keypoints")]
+    server_matches: Option<PathBuf>,
+    /// With --server-matches: the region that is black in a mask of each image (`door/3.jpg.png` for `door/3.jpg`) is not
+    /// in the map, as a person is not. Default: no such region.
+    #[arg(long, value_name = "DIR", requires = "server_matches")]
+    private_masks: Option<PathBuf>,
     #[command(flatten)]
     features: ImageFeatureArgs,
     /// ST-LPIPS as an ONNX network, made by `scripts/export_onnx.py`.
@@ -101,6 +115,8 @@ Rows of the table:
   points, none          the true keypoints: the limit of the network
   guess                 prior-only baseline: the expected position on the single line
   closed-form, graph    attacks with true neighbours, which no real attacker has: the paper's, and a stronger one
+  matched               what a server with --server-matches knows without an attack
+  server-side, …        its attacks, with true neighbours: server-side and iterative (the paper's), occlusion
   realistic             the best of the attacks that --train, --positions and --map-list allow
   lines                 no attack: each descriptor spread over its line
   unordered, none       descriptors without positions
@@ -122,9 +138,19 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         Some(list) => listed(&args.images, list)?,
         None => items::expand_readable(&args.images, ui)?.into_iter().map(|item| item.path).collect(),
     };
+    let known = args.keypoints.as_deref().map(|file| known_keypoints(file, args)).transpose()?;
     let most = args.limit.map_or(all.len(), |most| (most as usize).min(all.len()));
+    let chosen = |i: usize| i * all.len() / most;
     let evaluation = InversionEvaluation {
-        images: (0..most).map(|i| all[i * all.len() / most].clone()).collect(),
+        images: (0..most).map(|i| all[chosen(i)].clone()).collect(),
+        keypoints: known.map_or_else(Vec::new, |known| (0..most).map(|i| known[chosen(i)].clone()).collect()),
+        server: args.server_matches.as_ref().map(|problems| ServerKnowledge {
+            problems: vec![problems.clone()],
+            map_problems: Vec::new(),
+            private: args.private_masks.clone().map(PrivateRegion::Masks),
+            rotated: 0.0,
+            measured: MeasuredKeypoints::Hidden,
+        }),
         attack: AttackEvaluation {
             schemes: if args.schemes.is_empty() { Scheme::ALL.to_vec() } else { args.schemes.clone() },
             positions: args.positions.clone(),
@@ -152,6 +178,22 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         html::write_page(path, &page, ui)?;
     }
     Ok(Exit::Success)
+}
+
+/// The keypoints of the listed images, in the order of the list.
+fn known_keypoints(file: &Path, args: &Args) -> Result<Vec<KeypointImage>, Failure> {
+    let images = read_keypoints(file)?;
+    let listed = args.list.as_deref().map(lists::read_with_cameras).transpose()?.unwrap_or_default();
+    let of = |name: &str| {
+        let found = images.iter().find(|image| image.name == name).cloned();
+        found.ok_or_else(|| {
+            Failure::with_help(
+                format!("{}: it has no keypoints of {name}", file.display()),
+                "write them with `eval problems --query-list LIST --keypoints FILE` for the same list",
+            )
+        })
+    };
+    listed.iter().map(|listed| of(&listed.name)).collect()
 }
 
 fn listed(folders: &[PathBuf], list: &Path) -> Result<Vec<PathBuf>, Failure> {

@@ -21,12 +21,36 @@ const MAX_DIMENSION: usize = 8192;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum InputModality {
-    /// All rows: descriptors and lines.
+    /// Of a position network: all rows, descriptors and lines.
     Set,
-    /// Each row alone: its descriptor and its line.
+    /// Of a position network: each row alone, its descriptor and its line.
     Row,
-    /// Each line alone.
+    /// Of a position network: each line alone.
     Line,
+    /// Of an inversion network, and its default: descriptors.
+    Descriptors,
+    /// Of an inversion network: positions alone.
+    Positions,
+    /// Of an inversion network: positions, and the colour of the image at each.
+    Colour,
+}
+
+impl InputModality {
+    /// Numbers of a row in place of a descriptor.
+    const fn dimension(self) -> Option<usize> {
+        match self {
+            Self::Set | Self::Row | Self::Line | Self::Descriptors => None,
+            Self::Positions => Some(0),
+            Self::Colour => Some(3),
+        }
+    }
+
+    const fn is_of(self, kind: NetworkKind) -> bool {
+        match self {
+            Self::Set | Self::Row | Self::Line => matches!(kind, NetworkKind::Positions),
+            Self::Descriptors | Self::Positions | Self::Colour => matches!(kind, NetworkKind::Inversion),
+        }
+    }
 }
 
 /// What a network predicts.
@@ -88,11 +112,29 @@ impl NetworkDescription {
                 read.model
             ));
         }
-        if !(1..=MAX_DIMENSION).contains(&read.dimension) {
-            return Err(format!("its dimension is {}; it must be from 1 to {MAX_DIMENSION}", read.dimension));
+        match read.input {
+            Some(input) if !input.is_of(expected) => {
+                return Err(format!("its `input` is not one of kind {:?}", expected.name()));
+            }
+            None if expected == NetworkKind::Positions => {
+                return Err(format!(
+                    "it lacks `input`, a field of descriptions of kind {:?}",
+                    expected.name()
+                ));
+            }
+            _ => {}
         }
-        let given =
-            [read.side.is_some(), read.multiple.is_some(), read.scheme.is_some(), read.input.is_some()];
+        match read.input.and_then(InputModality::dimension) {
+            Some(own) if read.dimension != own => {
+                return Err(format!("its dimension is {}; with this input it must be {own}", read.dimension));
+            }
+            None if !(1..=MAX_DIMENSION).contains(&read.dimension) => {
+                let dimension = read.dimension;
+                return Err(format!("its dimension is {dimension}; it must be from 1 to {MAX_DIMENSION}"));
+            }
+            _ => {}
+        }
+        let given = [read.side.is_some(), read.multiple.is_some(), read.scheme.is_some()];
         for ((name, of), given) in OF_KINDS.into_iter().zip(given) {
             if given != (of == expected) {
                 let what = if given { "has" } else { "lacks" };
@@ -107,11 +149,10 @@ impl NetworkDescription {
 }
 
 /// The kinds of networks by name, in the order of the fields.
-const OF_KINDS: [(&str, NetworkKind); 4] = [
+const OF_KINDS: [(&str, NetworkKind); 3] = [
     ("side", NetworkKind::Inversion),
     ("multiple", NetworkKind::Inversion),
     ("scheme", NetworkKind::Positions),
-    ("input", NetworkKind::Positions),
 ];
 
 /// A network with its description.

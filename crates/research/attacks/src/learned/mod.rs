@@ -15,6 +15,7 @@
 //! # of inversion:
 //! side = 256                    # cells of the longer side of the grid, pixels of the image
 //! multiple = 16                 # sides of the grid are multiples of this; it divides `side`
+//! input = "descriptors"         # the default; "positions" (dimension 0), or "colour" of each position (dimension 3)
 //! # of positions:
 //! scheme = "dcl"                # under which it learned, as `--scheme` has it
 //! input = "set"                 # of a query: all rows ("set"), each row alone ("row"), each line alone ("line")
@@ -31,6 +32,7 @@ pub mod positions;
 
 use veiloc_features::learned::Tensor;
 
+pub use self::description::InputModality;
 use crate::DecodedDescriptors;
 
 /// `[1, N, dimension]`, each row scaled to a squared norm equal to its length.

@@ -7,9 +7,10 @@ use std::path::{Path, PathBuf};
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use veiloc_attacks::learned::InputModality;
 use veiloc_attacks::learned::inversion::{InversionNetwork, PositionKnowledge};
 use veiloc_attacks::learned::neighbours::NeighbourNetwork;
-use veiloc_attacks::learned::positions::{InputModality, PositionNetwork, position_accuracy, recover};
+use veiloc_attacks::learned::positions::{PositionNetwork, position_accuracy, recover};
 use veiloc_attacks::{
     AttackError, DecodedDescriptors, ErrorSummary, KnownImage, Observation, bits_over_prior,
     expected_positions,
@@ -349,6 +350,9 @@ fn invalid_descriptions_are_refused_with_file_name_and_remedy() {
         ("inversion", inversion, "multiple = 4", "multiple = 5", "must divide"),
         ("inversion", inversion, "multiple = 4", "multiple = 4\nscheme = \"dcl\"", "it has `scheme`"),
         ("inversion", inversion, "multiple = 4", "multiple = 4\nwidth = 3", "width"),
+        ("inversion", inversion, "multiple = 4", "multiple = 4\ninput = \"set\"", "not one of kind"),
+        ("inversion", inversion, "multiple = 4", "multiple = 4\ninput = \"colour\"", "it must be 3"),
+        ("positions", positions, "input = \"set\"", "input = \"colour\"", "not one of kind"),
         ("inversion", inversion, "\"inversion.onnx\"", "\"../inversion.onnx\"", "a file in the same folder"),
         ("inversion", inversion, "\"inversion.onnx\"", "\"/dev/zero\"", "a file in the same folder"),
         ("inversion", inversion, "\"inversion.onnx\"", "\"gone.onnx\"", "gone.onnx"),

@@ -1,4 +1,4 @@
-//! The report of `veiloc eval inversion`: the paper's Table 1, and each image beside the images reconstructed from
+//! The report of `veiloc eval inversion`: the paper's Tables 2 and 7, and each image beside the images reconstructed from
 //! its descriptors.
 
 use crate::attack_evaluation::inversion::{
@@ -71,7 +71,7 @@ pub fn inversion_page(
         notices: if sheet.rows.is_empty() { Vec::new() } else { vec![notice()] },
         cards: &cards(&document.summary),
         sections: vec![
-            Section::new("table", "Table 1: images reconstructed from recovered positions", means),
+            Section::new("table", "Images reconstructed from recovered positions", means),
             Section::new("images", "Image by image", gallery(document, sheet, "")),
             Section::new(
                 "wide",
@@ -132,6 +132,10 @@ fn attack_words(attack: &str, by: Option<&str>) -> String {
         "graph" => "graph with true neighbours",
         "realistic" => "strongest without an oracle",
         "lines" => "none: each descriptor spread over its line",
+        "matched" => "none: only what the server's map matches",
+        "server-side" => "the server's, with true neighbours",
+        "iterative" => "the server's iterative one, with true neighbours",
+        "occlusion" => "the server's: where its map is hidden",
         other => other,
     };
     capital(&by.map_or_else(|| words.to_owned(), |by| format!("{words} ({by})")))
@@ -257,6 +261,7 @@ mod tests {
             median_px: None,
             psnr,
             ssim: psnr / 30.0,
+            private_psnr: None,
             st_lpips: None,
             top_1: None,
             top_5: None,
@@ -278,6 +283,7 @@ mod tests {
             attack,
             psnr: 14.0,
             ssim: 0.5,
+            private_psnr: None,
             st_lpips: None,
             top_1: None,
             top_5: None,

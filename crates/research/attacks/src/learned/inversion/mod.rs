@@ -1,7 +1,8 @@
 //! Inversion networks: from descriptors, and information about their positions, to an image.
 //!
 //! ```text
-//! features [1, dimension + 1, H, W]    descriptors in the cells of a grid over the image; last channel: occupancy
+//! features [1, dimension + 1, H, W]    descriptors in the cells of a grid over the image, or colours, or nothing; last
+//!                                      channel: occupancy
 //! → image [1, 3, H, W]                 red, green and blue of each cell, sRGB from 0 to 1
 //! → visible [1, 1, H, W]               optional: probability that the descriptors of the cell are placed correctly
 //! ```
@@ -20,7 +21,7 @@ use veiloc_features::learned::Tensor;
 use veiloc_geometry::Pixel;
 
 pub use self::grid::Grid;
-use super::description::{DescribedNetwork, NetworkKind};
+use super::description::{DescribedNetwork, InputModality, NetworkKind};
 use crate::{AttackError, DecodedDescriptors, Observation};
 
 /// Allowed numbers of cells along the longer side.
@@ -55,6 +56,7 @@ pub struct InversionNetwork {
     network: DescribedNetwork,
     side: usize,
     multiple: usize,
+    input: InputModality,
 }
 
 impl InversionNetwork {
@@ -80,7 +82,7 @@ impl InversionNetwork {
             return Err(network.description_error(reason));
         }
         network.check(&[("features", &[Some(1), Some(channels), None, None])], &["image"])?;
-        Ok(Self { network, side, multiple })
+        Ok(Self { network, side, multiple, input: description.input.unwrap_or(InputModality::Descriptors) })
     }
 
     /// The description's file.
@@ -96,6 +98,11 @@ impl InversionNetwork {
     /// The descriptor length.
     pub fn dimension(&self) -> usize {
         self.network.dimension()
+    }
+
+    /// What it is given at each position.
+    pub fn input(&self) -> InputModality {
+        self.input
     }
 
     /// Cells along the longer side.

@@ -24,7 +24,7 @@ use super::description::{DescribedNetwork, NetworkKind};
 use super::rows;
 use crate::{AttackError, DecodedDescriptors, Observation};
 
-pub use super::description::InputModality;
+use super::description::InputModality;
 pub use accuracy::{PositionAccuracy, position_accuracy};
 pub use recover::{PositionEstimate, recover};
 

@@ -1,8 +1,9 @@
 //! Columns of the table: one input of the network each.
 
-use veiloc_attacks::DecodedDescriptors;
-use veiloc_attacks::learned::inversion::{InversionNetwork, PositionKnowledge, Reconstruction};
+use veiloc_attacks::learned::inversion::{Grid, InversionNetwork, PositionKnowledge, Reconstruction};
+use veiloc_attacks::{DecodedDescriptors, Observation};
 use veiloc_datasets::problem_files::KeypointImage;
+use veiloc_geometry::Pixel;
 use veiloc_geometry::statistics::upper_median;
 
 use super::document::{ReconstructionRow, SummaryRow};
@@ -26,6 +27,8 @@ pub(super) struct Column {
 pub(super) enum Input {
     /// Positions, by image.
     Positions(Vec<RecoveredImage>),
+    /// The positions that the server knows, by image; the others are left out.
+    Known(Vec<RecoveredImage>),
     /// The sent observations, by image.
     Lines(Vec<RecoveredImage>),
     Unordered,
@@ -48,6 +51,27 @@ impl Column {
         if let Input::Positions(answers) = &self.input { Some(answers) } else { None }
     }
 
+    /// The cells of the box around the keypoints that a server does not know: left, upper, right and lower end; `None`
+    /// without a server, and where the box has no cell.
+    pub(super) fn private_cells(&self, at: usize, image: &KeypointImage, grid: Grid) -> Option<[usize; 4]> {
+        let (Input::Positions(answers) | Input::Known(answers)) = &self.input else { return None };
+        let answer = &answers[at];
+        if answer.measured.iter().all(|measured| *measured) {
+            return None;
+        }
+        let own = image.keypoints.iter().zip(&answer.measured).filter(|(_, measured)| **measured);
+        let cells = own.map(|(p, _)| {
+            let along = |x: f64, pixels: u32, cells: usize| {
+                ((x / f64::from(pixels) * cells as f64).max(0.0) as usize).min(cells - 1)
+            };
+            [along(p.u, image.width, grid.width), along(p.v, image.height, grid.height)]
+        });
+        cells.fold(None, |corners, [x, y]| {
+            let [left, upper, right, lower] = corners.unwrap_or([x, y, x + 1, y + 1]);
+            Some([left.min(x), upper.min(y), right.max(x + 1), lower.max(y + 1)])
+        })
+    }
+
     /// The network's output for an image; `times`: side of the view relative to the image.
     pub(super) fn reconstruct(
         &self,
@@ -60,10 +84,19 @@ impl Column {
         let size = [image.width, image.height];
         let known = match &self.input {
             Input::Positions(answers) => PositionKnowledge::Positions(&answers[at].positions),
+            Input::Known(answers) => {
+                // What has no position is in no cell.
+                let known = answers[at].sent.iter().map(|sent| match sent {
+                    Observation::Known(position) => *position,
+                    _ => Pixel::new(f64::NAN, f64::NAN),
+                });
+                let known: Vec<Pixel> = known.collect();
+                return Ok(network.invert(descriptors, size, PositionKnowledge::Positions(&known), times)?);
+            }
             Input::Lines(answers) => PositionKnowledge::Lines(&answers[at].sent),
             Input::Unordered => PositionKnowledge::None,
             Input::None => {
-                let none = DecodedDescriptors::new(&[], descriptors.dimension())?;
+                let none = DecodedDescriptors::as_they_are(descriptors.dimension(), 0, std::iter::empty());
                 return Ok(network.invert(&none, size, PositionKnowledge::Positions(&[]), times)?);
             }
         };
@@ -78,8 +111,10 @@ impl Column {
         visibility: Option<&[f32]>,
         cell: f64,
     ) {
-        let errors = self.positions().map(|answers| answers[self.rows.len()].errors.clone());
-        if let (Some(visibility), Some(errors)) = (visibility, &errors) {
+        let answer = self.positions().map(|answers| &answers[self.rows.len()]);
+        let errors = answer.map(|answer| answer.measured().collect::<Vec<f64>>());
+        let all = answer.map(|answer| answer.errors.clone());
+        if let (Some(visibility), Some(errors)) = (visibility, &all) {
             self.visibility.add(visibility, errors, cell);
         }
         self.rows.push(ReconstructionRow {
@@ -88,6 +123,7 @@ impl Column {
             attack: self.attack,
             psnr: scores.psnr,
             ssim: scores.ssim,
+            private_psnr: scores.private_psnr,
             st_lpips: scores.st_lpips,
             top_1: scores.recognised.map(|[first, _]| first),
             top_5: scores.recognised.map(|[_, five]| five),
@@ -109,7 +145,7 @@ impl Column {
         };
         let sum = |of: fn(&ReconstructionRow) -> Option<usize>| rows.iter().map(of).sum::<Option<usize>>();
         let mut errors: Vec<f64> =
-            self.positions().into_iter().flatten().flat_map(|answer| &answer.errors).copied().collect();
+            self.positions().into_iter().flatten().flat_map(RecoveredImage::measured).collect();
         SummaryRow {
             scheme: self.scheme.clone(),
             attack: self.attack,
@@ -118,6 +154,7 @@ impl Column {
             median_px: upper_median(&mut errors),
             psnr: mean(&|row| row.psnr),
             ssim: mean(&|row| row.ssim),
+            private_psnr: maybe(|row| row.private_psnr),
             st_lpips: maybe(|row| row.st_lpips),
             top_1: sum(|row| row.top_1.map(usize::from)),
             top_5: sum(|row| row.top_5.map(usize::from)),

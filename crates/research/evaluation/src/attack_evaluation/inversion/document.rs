@@ -104,12 +104,16 @@ pub struct ReconstructionRow {
     /// The scheme under which it was sent; `unordered` for descriptors alone, `none` for no descriptors.
     pub scheme: String,
     /// `none` if nothing has to be recovered, `prior` for the prior-only baseline, `closed-form` and `graph` with
-    /// true neighbours, `realistic`, or `lines` if each descriptor is spread over its line.
+    /// true neighbours, `realistic`, or `lines` if each descriptor is spread over its line; of a server that knows the
+    /// pose `matched` (only what matches its map), `server-side`, `iterative` and `occlusion`.
     pub attack: &'static str,
     /// Peak signal-to-noise ratio on the network's grid, decibels.
     pub psnr: f64,
     /// Structural similarity, at most 1.
     pub ssim: f64,
+    /// Peak signal-to-noise ratio in the box around the keypoints that a server does not know; absent without a server.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub private_psnr: Option<f64>,
     /// ST-LPIPS; `null` without its network.
     pub st_lpips: Option<f64>,
     /// Whether the image's class is the classifier's first answer; `null` without a classifier.
@@ -121,7 +125,8 @@ pub struct ReconstructionRow {
     /// Number of those that are found in the reconstruction: same class, boxes with an overlap of at least half; `null`
     /// without a detector.
     pub objects_found: Option<usize>,
-    /// Mean error of the positions given to the network, pixels; `null` if it was given none.
+    /// Mean error of the positions given to the network, pixels, of a server's attacks of those that it does not know;
+    /// `null` if it was given none.
     pub mean_px: Option<f64>,
 }
 
@@ -144,6 +149,9 @@ pub struct SummaryRow {
     pub psnr: f64,
     /// Mean over images.
     pub ssim: f64,
+    /// Mean over images; absent without a server.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub private_psnr: Option<f64>,
     /// Mean over images; `null` without its network.
     pub st_lpips: Option<f64>,
     /// Number of images whose class is the classifier's first answer; `null` without a classifier.
@@ -173,17 +181,28 @@ pub fn evaluation_table(document: &InversionDocument) -> String {
         "objects",
         "top-1",
         "top-5",
+        "private dB",
         "ROC AUC",
     ];
-    // Only if a network estimates visibility.
-    let columns = head.len() - usize::from(document.summary.iter().all(|row| row.roc_auc.is_none()));
-    let mut table = TextTable::new(head.into_iter().take(columns), 2);
+    // The last two only with a server, and if a network estimates visibility.
+    let any = |of: fn(&SummaryRow) -> Option<f64>| document.summary.iter().any(|row| of(row).is_some());
+    let is_shown =
+        [vec![true; head.len() - 2], vec![any(|row| row.private_psnr), any(|row| row.roc_auc)]].concat();
+    let shown = |cells: Vec<String>| {
+        cells
+            .into_iter()
+            .zip(&is_shown)
+            .filter(|(_, shown)| **shown)
+            .map(|(cell, _)| cell)
+            .collect::<Vec<_>>()
+    };
+    let mut table = TextTable::new(shown(head.map(str::to_owned).to_vec()), 2);
     let count = |value: Option<usize>| value.map_or("-".to_owned(), |v| v.to_string());
     let maybe = |value: Option<f64>, digits: usize| value.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
     for row in &document.summary {
         let by = row.best_attack.as_ref().map_or_else(String::new, |by| format!(" ({by})"));
         let objects = row.objects_found.zip(row.objects);
-        let mut cells = vec![
+        let cells = vec![
             row.scheme.clone(),
             format!("{}{by}", row.attack),
             maybe(row.mean_px, 1),
@@ -194,10 +213,10 @@ pub fn evaluation_table(document: &InversionDocument) -> String {
             objects.map_or("-".to_owned(), |(found, all)| format!("{found} of {all}")),
             count(row.top_1),
             count(row.top_5),
+            maybe(row.private_psnr, 2),
             maybe(row.roc_auc, 3),
         ];
-        cells.truncate(columns);
-        table.push(cells);
+        table.push(shown(cells));
     }
     let classes = document.classes.map_or_else(String::new, |classes| classes.sentence() + "\n");
     format!(

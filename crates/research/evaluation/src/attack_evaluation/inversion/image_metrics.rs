@@ -27,6 +27,9 @@ pub struct ReconstructionScores {
     pub psnr: f64,
     /// Structural similarity, at most 1.
     pub ssim: f64,
+    /// Peak signal-to-noise ratio in the box around the keypoints that a server does not know, decibels; `None` without a
+    /// server.
+    pub private_psnr: Option<f64>,
     /// ST-LPIPS, at least 0.
     pub st_lpips: Option<f64>,
     /// Whether the image's class is the likeliest, and whether it is among the five likeliest.
@@ -76,6 +79,7 @@ impl ImageMetrics {
         Ok(ReconstructionScores {
             psnr: psnr(original, rebuilt)?,
             ssim: ssim(original, rebuilt)?,
+            private_psnr: None,
             st_lpips,
             recognised: class.as_ref().zip(classes).map(|(class, found)| recognised(class.number, &found)),
             objects: detects.then_some(objects.len()),

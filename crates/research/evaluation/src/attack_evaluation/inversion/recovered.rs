@@ -21,6 +21,11 @@ const WITH_ORACLE: [&str; 2] = ["closed-form", "graph"];
 const WITH_STATISTIC: [&str; 2] = ["learned-prior", "closed-form-consensus"];
 const WITH_NETWORK: [&str; 1] = ["trained-positions"];
 const WITH_MAP: [&str; 1] = ["transfer"];
+/// Attacks of a server that knows the pose, with true neighbours where they use some.
+const OF_SERVER: [&str; 3] = ["server-side", "iterative", "occlusion"];
+
+/// What a server knows without any attack: the keypoints that match its map.
+const KNOWN: &str = "matched";
 
 /// Results for one image, `[N]` each.
 #[derive(Debug, Clone, Default)]
@@ -31,13 +36,23 @@ pub(super) struct RecoveredImage {
     pub(super) sent: Vec<Observation>,
     /// Their errors, pixels.
     pub(super) errors: Vec<f64>,
+    /// Whether the error of a keypoint counts: of a server's attacks only the keypoints that it does not know.
+    pub(super) measured: Vec<bool>,
 }
 
 impl RecoveredImage {
     /// The true keypoints.
     pub(super) fn exact(image: &KeypointImage) -> Self {
         let errors = vec![0.0; image.keypoints.len()];
-        Self { positions: image.keypoints.clone(), sent: Vec::new(), errors }
+        let measured = vec![true; errors.len()];
+        Self { positions: image.keypoints.clone(), sent: Vec::new(), errors, measured }
+    }
+}
+
+impl RecoveredImage {
+    /// The errors that count.
+    pub(super) fn measured(&self) -> impl Iterator<Item = f64> {
+        self.errors.iter().zip(&self.measured).filter(|(_, measured)| **measured).map(|(error, _)| *error)
     }
 }
 
@@ -62,6 +77,7 @@ impl Attacked {
                 positions: trial.answers.to_vec(),
                 sent: trial.context.observations().to_vec(),
                 errors: trial.errors.to_vec(),
+                measured: trial.context.sent.measured.clone(),
             });
         };
         let evaluation = AttackEvaluation { attacks, ..evaluation };
@@ -76,7 +92,7 @@ impl Attacked {
 }
 
 /// The inputs of the network, in the order of the table. Of a scheme that hides positions: the prior-only baseline, the
-/// attacks with true neighbours, the best realistic attack, the lines.
+/// attacks with true neighbours, the best realistic attack, those of a server, the lines.
 pub(super) fn columns(
     inversion: &InversionEvaluation<'_>,
     images: &[KeypointImage],
@@ -108,6 +124,11 @@ pub(super) fn columns(
         let evaluation = AttackEvaluation { groups, neighbours, ..with_oracle.clone() };
         without_oracle.push(of("Attacking with a map", &WITH_MAP, evaluation)?);
     }
+    let of_server = inversion.server.as_ref().map(|server| {
+        let evaluation = AttackEvaluation { server: Some(server.clone()), ..with_oracle.clone() };
+        of("Attacking as a server", &OF_SERVER, evaluation)
+    });
+    let of_server = of_server.transpose()?;
     let with_oracle = of("Attacking with true neighbours", &WITH_ORACLE, with_oracle)?;
     let mut columns = Vec::new();
     for scheme in &inversion.attack.schemes {
@@ -122,6 +143,12 @@ pub(super) fn columns(
         }
         if let Some((best, images)) = best_attack(&without_oracle, &name) {
             push("realistic", Some(best.to_string()), Some(images), Input::Positions);
+        }
+        if let Some(attacked) = &of_server {
+            push(KNOWN, None, attacked.recovered(&name, Attack::PRIOR.name), Input::Known);
+            for attack in OF_SERVER {
+                push(attack, None, attacked.recovered(&name, attack), Input::Positions);
+            }
         }
         push("lines", None, with_oracle.recovered(&name, Attack::PRIOR.name), Input::Lines);
     }

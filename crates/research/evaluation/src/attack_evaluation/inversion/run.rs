@@ -2,14 +2,17 @@
 
 use std::path::PathBuf;
 
-use veiloc_attacks::image_metrics::class_named;
+use veiloc_attacks::DecodedDescriptors;
+use veiloc_attacks::image_metrics::{class_named, psnr};
+use veiloc_attacks::learned::InputModality;
 use veiloc_attacks::learned::inversion::{Grid, InversionNetwork, Reconstruction};
 use veiloc_datasets::problem_files::{KeypointImage, keypoints_of_images};
 use veiloc_features::{ColourImage, Extractor, Progress, load_colour};
+use veiloc_geometry::Pixel;
 use veiloc_protocol::ExtractionLimits;
 
-use super::super::AttackEvaluation;
 use super::super::neighbours::descriptors;
+use super::super::{AttackEvaluation, ServerKnowledge};
 use super::column::Column;
 use super::contact_sheet::{ContactSheet, Tile};
 use super::document::{ClassesRow, InversionDocument, NetworkRow};
@@ -27,6 +30,11 @@ const BEYOND: u8 = 128;
 pub struct InversionEvaluation<'a> {
     /// Image files that no network was trained on.
     pub images: Vec<PathBuf>,
+    /// Their keypoints, where they are known already, such as those of [`Self::server`]: of the window in the middle of
+    /// each image that a device sends. Empty: they are extracted.
+    pub keypoints: Vec<KeypointImage>,
+    /// What a server knows that has localized these keypoints; `None`: no such attacks.
+    pub server: Option<ServerKnowledge>,
     /// Schemes in the order of the table, position networks, neighbours per keypoint, and the seed of obfuscation and
     /// attacks; the attackers set the rest.
     pub attack: AttackEvaluation,
@@ -54,15 +62,20 @@ pub fn evaluate_inversion(
     progress: &dyn Progress,
 ) -> Result<(InversionDocument, [ContactSheet; 2]), EvalError> {
     let network = evaluation.network;
-    let (learned, given) = (network.features(), evaluation.extractor.kind());
-    if learned != given.name() {
+    let learned = network.features();
+    let of_file = evaluation.keypoints.iter().filter_map(|image| Some(image.descriptors.as_ref()?.kind()));
+    let mut kinds = of_file.chain(evaluation.keypoints.is_empty().then(|| evaluation.extractor.kind()));
+    if let Some(given) = kinds.find(|given| given.name() != learned) {
         return Err(EvalError::Options(format!(
             "{}: it was trained on features {learned}, but these are {}; use --features {learned}",
             network.file().display(),
             given.name()
         )));
     }
-    let images = keypoints_of_images(&evaluation.images, evaluation.extractor, evaluation.limits, progress)?;
+    let images = match &evaluation.keypoints[..] {
+        [] => keypoints_of_images(&evaluation.images, evaluation.extractor, evaluation.limits, progress)?,
+        given => given.to_vec(),
+    };
     let mut columns = columns(evaluation, &images, progress)?;
     let mut sheets = [false, true].map(|is_wide| {
         let shown = columns.iter().filter(|column| !is_wide || column.positions().is_some());
@@ -75,7 +88,12 @@ pub fn evaluate_inversion(
     for (at, (image, path)) in images.iter().zip(&evaluation.images).enumerate() {
         let grid = network.grid([image.width, image.height]);
         let cell = f64::from(image.width) / grid.width as f64;
-        let original = metrics.prepare(on_grid(&load_colour(path)?, grid), class_named(path))?;
+        let mut photo = load_colour(path)?;
+        if !evaluation.keypoints.is_empty() {
+            photo = window(&photo, [image.width, image.height])?;
+        }
+        let own = given_rows(network, image, &photo)?;
+        let original = metrics.prepare(on_grid(&photo, grid), class_named(path))?;
         if let (Some(counts), Some(class)) = (&mut classes, &original.class) {
             counts.add(class);
         }
@@ -83,12 +101,15 @@ pub fn evaluate_inversion(
             vec![Tile { image: original.image.clone(), boxes: original.objects.clone() }],
             vec![Tile { image: centered_in_wide_view(&original.image, grid), boxes: Vec::new() }],
         ];
-        let own = descriptors(image)?;
         for column in &mut columns {
             let Reconstruction { image: rebuilt, visibility } =
                 column.reconstruct(network, at, image, &own, 1)?;
             let seen = metrics.objects(&rebuilt)?;
-            let scores = metrics.compare(&original, &rebuilt, &seen)?;
+            let mut scores = metrics.compare(&original, &rebuilt, &seen)?;
+            if let Some(corners) = column.private_cells(at, image, grid) {
+                scores.private_psnr =
+                    Some(psnr(&part(&original.image, corners)?, &part(&rebuilt, corners)?)?);
+            }
             column.add(&image.name, &scores, visibility.as_deref(), cell);
             if at < evaluation.shown {
                 tiles[0].push(Tile { image: rebuilt, boxes: seen });
@@ -116,6 +137,43 @@ pub fn evaluate_inversion(
         rows: columns.into_iter().flat_map(|column| column.rows).collect(),
     };
     Ok((document, sheets))
+}
+
+/// What the network is given of each keypoint: its descriptor, its colour, or nothing.
+fn given_rows(
+    network: &InversionNetwork,
+    image: &KeypointImage,
+    photo: &ColourImage,
+) -> Result<DecodedDescriptors, EvalError> {
+    let (count, scale) = (image.keypoints.len(), f64::from(photo.width()) / f64::from(image.width));
+    Ok(match network.input() {
+        InputModality::Positions => DecodedDescriptors::as_they_are(0, count, std::iter::empty()),
+        InputModality::Colour => {
+            let at = |x: f64, side: u32| ((x * scale).max(0.0) as usize).min(side as usize - 1);
+            let colour = |p: &Pixel| {
+                let pixel = at(p.v, photo.height()) * photo.width() as usize + at(p.u, photo.width());
+                [0, 1, 2].map(|channel| f32::from(photo.data()[3 * pixel + channel]) / 127.5 - 1.0)
+            };
+            DecodedDescriptors::as_they_are(3, count, image.keypoints.iter().flat_map(colour))
+        }
+        _ => descriptors(image)?,
+    })
+}
+
+/// The window of this size in the middle of an image, which a device sends.
+fn window(image: &ColourImage, [width, height]: [u32; 2]) -> Result<ColourImage, EvalError> {
+    let corner = |whole: u32, part: u32| (whole.saturating_sub(part) / 2) as usize;
+    let (left, upper) = (corner(image.width(), width), corner(image.height(), height));
+    let right = (left + width as usize).min(image.width() as usize);
+    let lower = (upper + height as usize).min(image.height() as usize);
+    part(image, [left, upper, right, lower])
+}
+
+/// The part of an image between these pixels: left, upper, right and lower end.
+fn part(image: &ColourImage, [left, upper, right, lower]: [usize; 4]) -> Result<ColourImage, EvalError> {
+    let rows = image.data().chunks_exact(3 * image.width() as usize).take(lower).skip(upper);
+    let data = rows.flat_map(|row| row[3 * left..3 * right].iter().copied()).collect();
+    Ok(ColourImage::new((right - left) as u32, (lower - upper) as u32, data)?)
 }
 
 /// The original in the centre of the wide view.

@@ -1,4 +1,4 @@
-//! The paper's Table 1 end to end, on synthetic images and tiny networks.
+//! The paper's Tables 2 and 7 end to end, on synthetic images and tiny networks.
 
 use std::path::{Path, PathBuf};
 
@@ -49,6 +49,8 @@ fn evaluation<'a>(
 ) -> InversionEvaluation<'a> {
     InversionEvaluation {
         images: images.to_vec(),
+        keypoints: Vec::new(),
+        server: None,
         attack: AttackEvaluation {
             schemes: vec![Scheme::Points, Scheme::RandomLines, Scheme::default()],
             k: 10,
@@ -199,4 +201,36 @@ fn features_must_match_the_network() {
     let refused =
         evaluate_inversion(&other, &ImageMetrics::default(), &()).expect_err("other features").to_string();
     assert!(refused.contains("plain.toml") && refused.contains("--features sift"), "{refused}");
+}
+
+/// Positions alone, and with the colour at each: networks that get no descriptor.
+#[test]
+fn networks_without_descriptors_get_positions_and_colours() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let paths = [draw(folder.path(), 31)];
+    let of = |name: &str| {
+        let (document, sheets) =
+            evaluate(&paths, &network(name), Vec::new(), &ImageMetrics::default()).expect("it runs");
+        let psnr = |scheme: &str| {
+            document.summary.iter().find(|row| row.scheme == scheme).expect("a row of the table").psnr
+        };
+        ([psnr("points"), psnr("none")], sheets)
+    };
+    let ([points, none], [sheet, _]) = of("learned/colour.toml");
+    assert!(points > none, "the colours of the keypoints are drawn: {points} {none}");
+    // A cell without keypoints is gray; of the others each has the colour of a pixel that it covers.
+    let [original, drawn] = [0, 1].map(|tile| sheet.rows[0][tile].image.data());
+    let coloured = original.iter().zip(drawn).filter(|(_, own)| !(127..=128).contains(*own));
+    let off = |from: &dyn Fn(u8) -> u8| -> u32 {
+        coloured.clone().map(|(original, own)| u32::from(original.abs_diff(from(*own)))).sum()
+    };
+    let (own, gray) = (off(&|own| own), off(&|_| 128));
+    assert!(coloured.clone().count() > 100 && 10 * own < 9 * gray, "{own} {gray}");
+    let (_, [sheet, _]) = of("learned/places.toml");
+    let is_gray = |pixel: &[u8]| pixel.iter().all(|value| *value == pixel[0]);
+    let drawn = sheet.rows[0][1].image.data();
+    assert!(
+        drawn.chunks(3).all(is_gray) && drawn.iter().any(|value| *value > 100),
+        "only where keypoints are"
+    );
 }
