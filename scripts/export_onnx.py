@@ -3,6 +3,7 @@
 
     .venv/bin/pip install -e research/train scipy
     .venv/bin/python scripts/export_onnx.py alike alike-t.pth alike-t.onnx
+    .venv/bin/python scripts/export_onnx.py aliked aliked-n16.pth aliked-n16.onnx
     .venv/bin/python scripts/export_onnx.py superpoint superpoint_v1.pth superpoint.onnx
     .venv/bin/python scripts/export_onnx.py netvlad VGG16-NetVLAD-Pitts30K.mat netvlad.onnx
     .venv/bin/python scripts/export_onnx.py st-lpips alex_shift_tolerant.pth st-lpips.onnx
@@ -10,7 +11,7 @@
     .venv/bin/python scripts/export_onnx.py efficientnet-lite0 efficientnet-lite0-57934424.pth efficientnet-lite0.onnx
 
 Weights are `.pth` files, or `.npz` with the same tensors. The layers follow the papers, with the names of the tensors in the files.
-Batch normalizations are folded into the convolutions before them. If ONNX Runtime is installed, each written file is compared with
+Batch normalizations are folded into the ordinary convolutions before them. If ONNX Runtime is installed, each written file is compared with
 PyTorch, and the largest difference is printed.
 
 Inputs and outputs:
@@ -18,6 +19,9 @@ Inputs and outputs:
 - alike: `image` [1, 3, H, W], 0 to 1, sides multiples of 32 -> `scores` [1, 1, H, W]; `level1` to `level4` [1, dim/4, ...], of the sizes
   1, 1/2, 1/8 and 1/32; `head` [dim, dim], which maps the concatenated levels at a keypoint (each upsampled with aligned corners) to a
   descriptor; with --dense `descriptors` [1, dim, H, W], those of all pixels.
+- aliked: two files, OUT and its head beside it, `aliked-n16-head.onnx` for `aliked-n16.onnx`:
+  `image` [1, 3, H, W], 0 to 1, sides multiples of 32 -> `scores` [1, 1, H, W], `features` [1, dim, H, W];
+  `features` and `keypoints` [1, N, 2], column and row, integers are pixel centres -> `descriptors` [1, N, dim] of length 1.
 - superpoint: `image` [1, 1, H, W], 0 to 1, sides multiples of 8 -> `scores` [1, 65, H/8, W/8] before the softmax; `descriptors`
   [1, 256, H/8, W/8] before normalization.
 - netvlad: `image` [1, 3, H, W], 0 to 1 -> `vector` [1, numbers] of length 1; with --features only `features` [1, 512, H/16, W/16].
@@ -121,6 +125,132 @@ class Alike(nn.Module):
     @staticmethod
     def enlarged(x: torch.Tensor, size: int) -> torch.Tensor:
         return x if size == 1 else F.interpolate(x, scale_factor=float(size), mode="bilinear", align_corners=True)
+
+
+class Selu(nn.Module):
+    """Klambauer et al., Self-Normalizing Neural Networks, NeurIPS 2017; by ELU, as rten has no operator of its own for it."""
+
+    ALPHA, SCALE = 1.6732632423543772, 1.0507009873554805
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return self.SCALE * F.elu(x, self.ALPHA)
+
+
+def sampled(x: torch.Tensor, positions: torch.Tensor) -> torch.Tensor:
+    """Values of `x` [1, C, H, W] at `positions` [1, 2, A, B], column and row; bilinear, zero outside. [1, C, A, B]"""
+    sides = torch._shape_as_tensor(x)[[3, 2]].float().reshape(1, 2, 1, 1)
+    grid = (2 * positions + 1) / sides - 1
+    return F.grid_sample(x, grid.permute(0, 2, 3, 1), align_corners=False)
+
+
+def bounded(offsets: torch.Tensor, x: torch.Tensor) -> torch.Tensor:
+    """Offsets of at most a quarter of the longer side of `x`."""
+    most = torch._shape_as_tensor(x)[2:].float().max() / 4
+    return torch.minimum(torch.maximum(offsets, -most), most)
+
+
+#: Row and column of the cells of a kernel of side 3, relative to its centre. `[2, 9]`
+KERNEL = torch.stack(torch.meshgrid(torch.arange(3.0) - 1, torch.arange(3.0) - 1, indexing="ij")).reshape(2, 9)
+
+
+class DeformableConv(nn.Module):
+    """Dai et al., Deformable Convolutional Networks, ICCV 2017: a convolution of side 3 whose cells are moved by predicted offsets.
+
+    The values at the nine positions of each pixel become the channels of a pointwise convolution.
+    """
+
+    def __init__(self, inputs: int, outputs: int):
+        super().__init__()
+        self.offset_conv = nn.Conv2d(inputs, 18, 3, padding=1)
+        self.regular_conv = nn.Conv2d(inputs, outputs, 3, padding=1, bias=False)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        height, width = x.shape[2:]
+        offsets = bounded(self.offset_conv(x), x).reshape(1, 9, 2, height, width)
+        rows = offsets[:, :, 0] + KERNEL[0].reshape(9, 1, 1) + torch.arange(height).float()[:, None]
+        columns = offsets[:, :, 1] + KERNEL[1].reshape(9, 1, 1) + torch.arange(width).float()
+        values = sampled(x, torch.stack([columns, rows], 1).reshape(1, 2, -1, width))  # [1, C, 9 H, W]
+        return F.conv2d(values.reshape(1, -1, height, width), self.regular_conv.weight.flatten(1)[:, :, None, None])
+
+
+class AlikedBlock(nn.Module):
+    """Two convolutions with SELU, with a skip connection if the block has one."""
+
+    def __init__(self, inputs: int, outputs: int, residual: bool, deformable: bool):
+        super().__init__()
+        conv = DeformableConv if deformable else lambda a, b: nn.Conv2d(a, b, 3, padding=1, bias=False)
+        self.conv1, self.bn1 = conv(inputs, outputs), nn.BatchNorm2d(outputs)
+        self.conv2, self.bn2 = conv(outputs, outputs), nn.BatchNorm2d(outputs)
+        if residual:
+            self.downsample = nn.Conv2d(inputs, outputs, 1)
+        self.residual, self.gate = residual, Selu()
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        y = self.bn2(self.conv2(self.gate(self.bn1(self.conv1(x)))))
+        return self.gate(y + self.downsample(x)) if self.residual else self.gate(y)
+
+
+class AlikedHead(nn.Module):
+    """Its sparse deformable descriptor head: M samples around each keypoint, at offsets predicted from the 3 x 3 patch at its pixel.
+
+    Samples are mapped and joined by convolutions over the keypoints. A subpixel keypoint is in the pixel of its integer part, as in
+    the authors' program.
+    """
+
+    def __init__(self, tensors: dict[str, torch.Tensor]):
+        super().__init__()
+        self.samples, dim, _ = tensors["desc_head.agg_weights"].shape
+        self.offset_conv = nn.Sequential(
+            nn.Conv2d(dim, 2 * self.samples, 3), Selu(), nn.Conv2d(2 * self.samples, 2 * self.samples, 1)
+        )
+        self.sf_conv = nn.Conv2d(dim, dim, 1, bias=False)
+        self.agg_weights = nn.Parameter(torch.zeros(self.samples, dim, dim))
+        self.gate = Selu()
+
+    def forward(self, features: torch.Tensor, keypoints: torch.Tensor) -> torch.Tensor:
+        at = keypoints.transpose(1, 2)[:, :, None]  # [1, 2, 1, N], column and row
+        cells = sampled(features, torch.floor(at) + KERNEL.flip(0)[None, :, :, None])  # [1, C, 9, N]
+        first, gate, second = self.offset_conv
+        patch = self.joined(cells, first.weight.flatten(1)) + first.bias[None, :, None, None]
+        offsets = bounded(second(gate(patch)), features)  # [1, 2 M, 1, N], all columns before all rows
+        values = sampled(features, at + offsets.reshape(1, 2, self.samples, -1))  # [1, C, M, N]
+        values = self.gate(self.sf_conv(values))
+        descriptors = self.joined(values, self.agg_weights.permute(2, 1, 0).flatten(1))
+        return unit(descriptors)[:, :, 0].transpose(1, 2)
+
+    @staticmethod
+    def joined(values: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
+        """One pointwise convolution of all A values of a column: `[1, C, A, N]` and `[D, C A]` to `[1, D, 1, N]`."""
+        channels, cells = values.shape[1:3]
+        return F.conv2d(values.reshape(1, channels * cells, 1, -1), weights[:, :, None, None])
+
+
+class Aliked(nn.Module):
+    """Zhao et al., ALIKED, IEEE Transactions on Instrumentation and Measurement 2023."""
+
+    POOLS, SIZES = (1, 2, 4, 4), (1, 2, 8, 32)
+
+    def __init__(self, tensors: dict[str, torch.Tensor]):
+        super().__init__()
+        before, quarter = 3, tensors["conv1.weight"].shape[0]
+        for number in range(1, 5):
+            own = tensors[f"block{number}.bn1.weight"].shape[0]
+            self.add_module(f"block{number}", AlikedBlock(before, own, number > 1, number > 2))
+            self.add_module(f"conv{number}", nn.Conv2d(own, quarter, 1, bias=False))
+            before = own
+        self.score_head = nn.Sequential(nn.Conv2d(4 * quarter, 8, 1, bias=False))
+        for inputs, outputs in ((8, 4), (4, 4), (4, 1)):
+            self.score_head.extend([Selu(), nn.Conv2d(inputs, outputs, 3, padding=1, bias=False)])
+        self.desc_head, self.gate = AlikedHead(tensors), Selu()
+        fill(self, tensors)
+
+    def forward(self, image: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        x, levels = image, []
+        for number, (pool, size) in enumerate(zip(self.POOLS, self.SIZES), 1):
+            x = getattr(self, f"block{number}")(F.avg_pool2d(x, pool) if pool > 1 else x)
+            levels.append(Alike.enlarged(self.gate(getattr(self, f"conv{number}")(x)), size))
+        joined = torch.cat(levels, dim=1)
+        return torch.sigmoid(self.score_head(joined)), unit(joined)
 
 
 class SuperPoint(nn.Module):
@@ -333,11 +463,11 @@ def add_constant(path: Path, name: str, value: torch.Tensor) -> None:
 def write(network: nn.Module, given: dict[str, torch.Tensor], results: list[str], path: Path, fixed: bool = False) -> None:
     """Writes the file, and compares it with PyTorch on an input of another size."""
     network = network.eval()
-    axes = {} if fixed else {2: "height", 3: "width"}
+    axes = {} if fixed else {4: {2: "height", 3: "width"}, 3: {1: "keypoints"}}
     with torch.no_grad():
-        shapes = [value.ndim for value in of_all(network(*given.values()))]
-        named = {name: axes if ndim == 4 else {} for name, ndim in zip(results, shapes)}
-        onnx_graph(network, given.values(), path, {name: axes for name in given}, named)
+        outputs = of_all(network(*given.values()))
+        named = [{name: axes.get(v.ndim, {}) for name, v in zip(*of)} for of in ((given, given.values()), (results, outputs))]
+        onnx_graph(network, given.values(), path, *named)
         print(f"{path}: {path.stat().st_size} bytes, outputs {', '.join(results)}")
         try:
             import onnxruntime
@@ -345,7 +475,7 @@ def write(network: nn.Module, given: dict[str, torch.Tensor], results: list[str]
             print("not compared: onnxruntime is not installed", file=sys.stderr)
             return
         session = onnxruntime.InferenceSession(str(path))
-        larger = lambda value: torch.rand(*value.shape[:2], value.shape[2] + 32, value.shape[3])
+        larger = lambda value: torch.rand(*value.shape[:2], value.shape[2] + 32, value.shape[3]) if value.ndim == 4 else 1.5 * value
         other = given if fixed else {name: larger(value) for name, value in given.items()}
         answers = of_all(network(*other.values()))
         found = session.run(results, {name: value.numpy() for name, value in other.items()})
@@ -360,7 +490,7 @@ def of_all(answers) -> tuple[torch.Tensor, ...]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="network", required=True)
-    for name in ("alike", "superpoint", "netvlad", "st-lpips", "lpips", "efficientnet-lite0"):
+    for name in ("alike", "aliked", "superpoint", "netvlad", "st-lpips", "lpips", "efficientnet-lite0"):
         command = commands.add_parser(name)
         command.add_argument("weights", type=Path)
         command.add_argument("out", type=Path)
@@ -379,6 +509,12 @@ def main() -> None:
         network = Alike(tensors_of(args.weights), args.dense)
         write(network, image, results, args.out)
         add_constant(args.out, "head", network.head())
+    elif args.network == "aliked":
+        network = Aliked(tensors_of(args.weights))
+        write(network, image, ["scores", "features"], args.out)
+        features = unit(torch.randn(1, network.desc_head.sf_conv.in_channels, 96, 128))
+        inputs = {"features": features, "keypoints": 20 + 40 * torch.rand(1, 7, 2)}
+        write(network.desc_head, inputs, ["descriptors"], args.out.with_stem(f"{args.out.stem}-head"))
     elif args.network == "superpoint":
         write(SuperPoint(tensors_of(args.weights)), {"image": image["image"][:, :1]}, ["scores", "descriptors"], args.out)
     elif args.network == "netvlad":

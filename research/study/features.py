@@ -25,7 +25,8 @@ NETWORKS = "files of XFeat and ALIKE in VEILOC_MODELS"
 KINDS = {
     "sift": (128, 8, "as it is"), "compact": (64, 4, "as it is"), "xfeat": (64, 8, "fitted into the file's size"),
     "xfeat-compact": (48, 4, "as xfeat"), "alike-t": (64, 8, "as it is"), "alike-t-compact": (48, 4, "as it is"),
-    "alike": (128, 8, "as it is"), "superpoint": (256, 8, "longest side 1024"),
+    "alike": (128, 8, "as it is"), "aliked-t16": (64, 8, "as it is"), "aliked-n16": (128, 8, "as it is"),
+    "aliked-n16rot": (128, 8, "as it is"), "aliked-n32": (128, 8, "as it is"), "superpoint": (256, 8, "longest side 1024"),
 }  # fmt: skip
 MEASURED = [kind for kind in KINDS if kind != "superpoint"]
 THRESHOLDS = {"redkitchen": ("0.02/2", "0.05/5"), "herzjesu": ("0.1/2", "0.25/5")}

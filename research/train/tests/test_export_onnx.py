@@ -85,6 +85,27 @@ def test_alike_dense_descriptors_equal_head_of_upsampled_levels(exports, monkeyp
     assert (torch.einsum("od,bdhw->bohw", head, joined) - dense).abs().max() < 1e-3
 
 
+def test_aliked_matches_torchvision(exports, monkeypatch, tmp_path):
+    pytest.importorskip("torchvision")
+    monkeypatch.syspath_prepend(str(ROOT / "research/oracles"))
+    import aliked
+
+    tensors = aliked.made_up()
+    reference = aliked.Reference(tensors)
+    torch.save(tensors, tmp_path / "made-up.pth")
+    session = written(exports, monkeypatch, tmp_path / "aliked.onnx", "aliked", tmp_path / "made-up.pth")
+    image = np.repeat(drawn(160, 128)[None, None], 3, axis=1)
+    maps = session.run(["scores", "features"], {"image": image})
+    with torch.no_grad():
+        for own, theirs in zip(maps, reference.maps(torch.from_numpy(image))):
+            assert np.abs(own - theirs.numpy()).max() < 1e-4
+        points = np.random.default_rng(0).uniform([40, 40], [120, 90], (9, 2)).astype(np.float32)
+        expected = reference.descriptors(torch.from_numpy(maps[1]), points)
+    head = onnxruntime.InferenceSession(str(tmp_path / "aliked-head.onnx"))
+    own = head.run(None, {"features": maps[1], "keypoints": points[None]})[0][0]
+    assert np.abs(own - expected).max() < 1e-4
+
+
 def test_superpoint_layers_match_the_reference(exports, monkeypatch, tmp_path):
     # Its detector head has invented weights, because no published ones may be used for tests.
     folder = weights("superpoint/superpoint_v1_encoder_desc.npz").parents[1]

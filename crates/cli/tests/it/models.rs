@@ -189,7 +189,8 @@ fn models_list_files_and_searched_folders() {
     assert_eq!(common::documented::mistakes(&tables["models"], &[nowhere.clone(), there.clone()]), [""; 0]);
     let names: Vec<&str> =
         there["models"].as_array().expect("a list").iter().filter_map(|m| m["name"].as_str()).collect();
-    assert_eq!(names, ["xfeat", "xfeat-compact", "alike", "alike-t", "alike-t-compact", "superpoint"]);
+    assert_eq!(names[..4], ["xfeat", "xfeat-compact", "alike", "alike-t"]);
+    assert!(names.contains(&"aliked-n16") && names.contains(&"superpoint"), "{names:?}");
     assert!(
         nowhere["models"][0]["file"].is_null() && nowhere["folders"].as_array().expect("a list").is_empty()
     );

@@ -3,12 +3,16 @@
 use std::path::Path;
 
 /// Built-in descriptions.
-pub(crate) const BUILT_IN: [(&str, &str); 6] = [
+pub(crate) const BUILT_IN: [(&str, &str); 10] = [
     ("models/xfeat.toml", include_str!("../../models/xfeat.toml")),
     ("models/xfeat-compact.toml", include_str!("../../models/xfeat-compact.toml")),
     ("models/alike.toml", include_str!("../../models/alike.toml")),
     ("models/alike-t.toml", include_str!("../../models/alike-t.toml")),
     ("models/alike-t-compact.toml", include_str!("../../models/alike-t-compact.toml")),
+    ("models/aliked-t16.toml", include_str!("../../models/aliked-t16.toml")),
+    ("models/aliked-n16.toml", include_str!("../../models/aliked-n16.toml")),
+    ("models/aliked-n16rot.toml", include_str!("../../models/aliked-n16rot.toml")),
+    ("models/aliked-n32.toml", include_str!("../../models/aliked-n32.toml")),
     ("models/superpoint.toml", include_str!("../../models/superpoint.toml")),
 ];
 

@@ -29,9 +29,12 @@
 //!
 //! [descriptors]
 //! layer = "descriptors"
+//! head = "mine-head.onnx"           # a second network, beside the first, that samples the layer at keypoints; optional:
+//!                                   # `features`, the layer, and `keypoints` [1, N, 2], column and row in the first
+//!                                   # network's input (integers are pixel centres) -> `descriptors` [1, N, numbers]
 //! channels_last = false
 //! numbers = 256                     # dimension of a descriptor
-//! stride = 8
+//! stride = 8                        # this and the next two are not used with a head
 //! interpolation = "linear"          # or "cubic"
 //! grid = "centers"                  # position of cells: "centers", "corners", "superpoint", "xfeat"
 //! length = 512                      # of a vector in byte units; default: 32 times the root of `numbers`
@@ -145,6 +148,7 @@ pub(crate) enum Refine {
 #[serde(deny_unknown_fields)]
 pub(crate) struct Descriptors {
     pub(crate) layer: Layer,
+    pub(crate) head: Option<String>,
     #[serde(default)]
     pub(crate) channels_last: bool,
     pub(crate) numbers: usize,
@@ -311,6 +315,9 @@ impl Description {
         };
         if self.files.is_empty() || !self.files.iter().all(plain) {
             return refused("files", "names of files without folders, one or more");
+        }
+        if self.descriptors.head.as_ref().is_some_and(|head| !plain(head)) {
+            return refused("descriptors.head", "the name of a file without folders");
         }
         if self.projection.as_ref().is_some_and(|projection| !plain(&projection.file)) {
             return refused("projection.file", "the name of a file without folders");

@@ -6,6 +6,7 @@ use crate::{Extractor, FeatureError, Features, Image, Keypoint};
 use veiloc_descriptor::{DescriptorKind, Descriptors};
 use veiloc_geometry::Pixel;
 
+use crate::learned::head::Head;
 use crate::learned::keypoints::{Peak, ScoreMap};
 use crate::learned::prepare::prepare;
 use crate::learned::sample::{DescriptorMap, bytes};
@@ -22,6 +23,7 @@ pub struct Learned {
     /// The kind before projection.
     plain: DescriptorKind,
     network: Network,
+    head: Option<Head>,
     /// Width and height, when the network has a fixed size.
     fixed: Option<[usize; 2]>,
 }
@@ -44,7 +46,7 @@ pub(crate) struct NetworkOutput {
 }
 
 impl Learned {
-    /// Opens the network of a description from an ONNX file.
+    /// Opens the network of a description from an ONNX file, and its head, if it has one, from the same folder.
     ///
     /// # Errors
     /// [`FeatureError`] for a file that is not a network, is damaged, or does not match the description.
@@ -71,8 +73,10 @@ impl Learned {
                 ));
             }
         };
+        let head = description.descriptors.head.as_ref();
+        let head = head.map(|name| Head::open(&file.with_file_name(name), engine)).transpose()?;
         let (kind, plain) = (description.kind(), description.plain_kind());
-        Ok(Self { description, kind, plain, network, fixed })
+        Ok(Self { description, kind, plain, network, head, fixed })
     }
 
     /// The description.
@@ -105,10 +109,15 @@ impl Learned {
             factor.as_ref().map_or(1.0, |factor| factor_at(factor, pixel, [width, height]))
         };
         let peaks = map.peaks(scores, placement, factor_at, most);
-        let mut vectors = vec![0.0; peaks.len() * descriptors.numbers];
-        let of_peaks = peaks.iter().zip(vectors.chunks_exact_mut(descriptors.numbers));
-        let map = DescriptorMap::of(next(), descriptors)?;
-        of_peaks.for_each(|(peak, vector)| map.at(peak.position, [width, height], descriptors, vector));
+        let vectors = if let Some(head) = &self.head {
+            head.descriptors(&next(), &peaks, descriptors.numbers)?
+        } else {
+            let mut vectors = vec![0.0; peaks.len() * descriptors.numbers];
+            let of_peaks = peaks.iter().zip(vectors.chunks_exact_mut(descriptors.numbers));
+            let map = DescriptorMap::of(next(), descriptors)?;
+            of_peaks.for_each(|(peak, vector)| map.at(peak.position, [width, height], descriptors, vector));
+            vectors
+        };
         let positions = peaks.iter().map(|peak| placement.to_image(peak.position)).collect();
         Ok(NetworkOutput { peaks, descriptors: vectors, pixel: placement.pixel(), positions })
     }

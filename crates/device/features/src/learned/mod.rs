@@ -22,6 +22,7 @@ mod engine;
 mod extractor;
 mod file;
 mod global;
+mod head;
 mod keypoints;
 mod layer;
 mod models;

@@ -103,7 +103,7 @@ pub(crate) fn bytes(vector: &[f32], kind: DescriptorKind) -> impl Iterator<Item 
 }
 
 /// Normalizes to length 1; a zero vector stays zero.
-fn normalize(vector: &mut [f32]) {
+pub(crate) fn normalize(vector: &mut [f32]) {
     let length = vector.iter().map(|number| number * number).sum::<f32>().sqrt();
     if length > 1e-12 {
         for number in vector {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use common::{drawn, models_folder};
 use veiloc_descriptor::Encoding;
-use veiloc_features::learned::{Description, Models};
+use veiloc_features::learned::{Description, Engine, Learned, Models};
 use veiloc_features::{Extractor, FeatureError, Image};
 
 fn data(name: &str) -> PathBuf {
@@ -24,7 +24,19 @@ fn described(part: &str, by: &str) -> Result<Description, FeatureError> {
 fn all_descriptions_are_read_and_built_in() {
     let models = Models::new(Vec::new());
     let names: Vec<&str> = models.all().map(|found| found.description.name()).collect();
-    assert_eq!(names, ["xfeat", "xfeat-compact", "alike", "alike-t", "alike-t-compact", "superpoint"]);
+    let expected = [
+        "xfeat",
+        "xfeat-compact",
+        "alike",
+        "alike-t",
+        "alike-t-compact",
+        "aliked-t16",
+        "aliked-n16",
+        "aliked-n16rot",
+        "aliked-n32",
+        "superpoint",
+    ];
+    assert_eq!(names, expected);
     let files = std::fs::read_dir(models_folder()).expect("a folder").count();
     assert_eq!(files, names.len(), "a description that is not built in");
     for found in models.all() {
@@ -94,7 +106,7 @@ fn error_of_a_missing_file_has_its_source_and_searched_folders() {
     let found: Vec<bool> = models.all().map(|found| found.file.is_some()).collect();
     assert_eq!(
         found,
-        [true, true, true, false, false, false],
+        [true, true, true, false, false, false, false, false, false, false],
         "compact kinds use the file of the plain ones"
     );
     assert!(matches!(models.open("alike", None), Err(FeatureError::Network { .. })));
@@ -122,6 +134,28 @@ fn network_must_match_its_description() {
     assert!(broken.to_string().contains("no output"), "{broken}");
     let opened = with("channels = 1\n", "channels = 3\n").expect("its input fits");
     assert!(!format!("{opened:?}").is_empty());
+}
+
+/// A head is a file beside the network, with inputs and an output of known names.
+#[test]
+fn error_names_an_invalid_head() {
+    let text = std::fs::read_to_string(models_folder().join("aliked-n16.toml")).expect("a description");
+    let with = |head: &str| {
+        let text = text.replace("aliked-n16-head.onnx", head).replace("numbers = 128", "numbers = 9");
+        let description = Description::parse(&text, Path::new("own.toml"))?;
+        Learned::open(description, &data("made-up-aliked.onnx"), Engine::Rten)
+    };
+    for (head, expected) in [
+        ("../other.onnx", "descriptors.head"),
+        ("gone.onnx", "gone.onnx"),
+        ("corners.onnx", "features and keypoints"),
+    ] {
+        let refused = with(head).expect_err(head).to_string();
+        assert!(refused.contains(expected), "{head}: {refused}");
+    }
+    let opened = with("made-up-aliked-head.onnx").expect("it is a head");
+    let refused = opened.extract(&Image::from(drawn(80, 60)), 10).expect_err("8 numbers").to_string();
+    assert!(refused.contains("instead of 9"), "{refused}");
 }
 
 /// The description of corners with a projection, in its own folder beside the content of `file`.

@@ -1,11 +1,12 @@
-//! Layers, keypoints and descriptors of XFeat compared with ONNX Runtime (`research/oracles/networks.py`). Needs
-//! `VEILOC_DATA`, and `weights/` beside it, provided by the user.
+//! Layers, keypoints and descriptors of XFeat compared with ONNX Runtime (`research/oracles/networks.py`); needs
+//! `VEILOC_DATA`, and `weights/` beside it, provided by the user. Keypoints and descriptors of a synthetic ALIKED
+//! compared with PyTorch and torchvision (`research/oracles/aliked.py`).
 
 use super::common;
 
 use std::path::Path;
 
-use common::{drawn, engines, model, model_in, synthetic_alike};
+use common::{drawn, engines, model, model_in, synthetic_alike, synthetic_aliked};
 use serde_json::Value;
 use veiloc_features::learned::{Engine, Layer, Learned, Tensor};
 use veiloc_features::{Extractor, Image};
@@ -133,6 +134,16 @@ fn xfeat_agrees_with_onnx_runtime(data: &Path) {
     agrees_with_the_oracle(data, "xfeat", 1, 1, true);
 }
 
+/// Deformable convolutions and the head that samples at keypoints.
+#[test]
+fn aliked_agrees_with_torchvision() {
+    let known: Value = serde_json::from_str(include_str!("../../data/learned/made-up-aliked.json"))
+        .expect("the oracle's document");
+    for engine in engines() {
+        check_keypoints(&synthetic_aliked(engine), &known["made-up-aliked"]);
+    }
+}
+
 /// The measure detects a slightly different input.
 #[real_data_test]
 fn different_input_gives_different_layers(data: &Path) {
@@ -154,6 +165,7 @@ fn features_are_independent_of_the_thread_count(data: &Path) {
 #[test]
 fn features_of_a_synthetic_network_are_independent_of_the_thread_count() {
     check_thread_independence(&|| synthetic_alike(&[]), &Image::from(drawn(200, 150)));
+    check_thread_independence(&|| synthetic_aliked(Engine::Rten), &Image::from(drawn(100, 75)));
 }
 
 fn check_thread_independence(open: &(dyn Fn() -> Learned + Sync), image: &Image) {
@@ -166,4 +178,10 @@ fn check_thread_independence(open: &(dyn Fn() -> Learned + Sync), image: &Image)
     for threads in [2, 3, 7] {
         assert!(of(threads) == one, "{threads} threads");
     }
+    // A single keypoint is a product with a vector.
+    let single = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| open().extract(image, 1).expect("extracted"))
+    };
+    assert!(single(1) == single(3));
 }

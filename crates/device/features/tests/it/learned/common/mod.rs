@@ -89,7 +89,19 @@ pub(crate) fn synthetic_alike(changes: &[(&str, &str)]) -> Learned {
     synthetic_alike_in(&models_folder().join("alike.toml"), changes)
 }
 
-/// The same, with files of its description searched beside this one.
+/// A network of ALIKED's architecture, with its head (`research/oracles/aliked.py`).
+pub(crate) fn synthetic_aliked(engine: Engine) -> Learned {
+    let own = [
+        ("name = \"aliked-n16\"", "name = \"made-up\""),
+        ("head = \"aliked-n16-head.onnx\"", "head = \"made-up-aliked-head.onnx\""),
+        ("numbers = 128", "numbers = 8"),
+        ("length = 362", "length = 91"),
+    ];
+    let network = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/learned/made-up-aliked.onnx");
+    Learned::open(described("aliked-n16", &own), &network, engine).expect("a network and its head")
+}
+
+/// The synthetic ALIKE, with files of its description searched beside this one.
 fn synthetic_alike_in(file: &Path, changes: &[(&str, &str)]) -> Learned {
     let own = [
         ("name = \"alike\"", "name = \"made-up\""),
