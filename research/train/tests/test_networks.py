@@ -175,7 +175,7 @@ def test_window_shows_its_box():
 
 def test_windows_hold_descriptors_at_their_pixels():
     """A keypoint on a bright spot stays on it in every window, also in a mirrored one."""
-    arguments = argparse.Namespace(side=96, window=48, zoom=1.25, drop=0.0, wrong=0.0, mirror=True, batch=16, device="cpu")
+    arguments = argparse.Namespace(side=96, window=48, zoom=1.25, drop=0.0, wrong=0.0, mirror=True, batch=16, device="cpu", input="descriptors")
     fields = line(count=1) | {"keypoints": [[50.0, 30.0]]}
     sampler = inversion.WindowSampler([data.inside(fields)], arguments, 16)
     sampler.descriptors = torch.from_numpy(data.scaled(data.inside(fields).descriptors)).half()
@@ -198,6 +198,21 @@ def test_grid_size_is_the_nearest_multiple():
     assert inversion.grid_size(640, 480, 256, 16) == (256, 192)
     assert inversion.grid_size(100, 1000, 128, 16) == (16, 128)
     assert inversion.grid_size(1000, 10, 128, 16) == (128, 16)
+
+
+def test_rows_of_the_other_inputs(files):
+    """Nothing, or the colour of the pixel that holds the keypoint, also where the file's image is smaller than the stored one."""
+    red = np.zeros((64, 96, 3), np.uint8)
+    red[30, 50] = 255, 0, 51
+    Image.fromarray(red).save(files / "0.png")
+    for size, at in [((96, 64), [50.9, 30.0]), ((48, 32), [25.4, 15.1])]:
+        image = data.inside(line("0.png", count=1, size=size) | {"keypoints": [at]})
+        arguments = argparse.Namespace(input="colour", image_folder=[files])
+        assert inversion.rows_of(image, arguments).tolist() == [pytest.approx([1.0, -1.0, -0.6], abs=1e-6)]
+        arguments.input = "positions"
+        assert inversion.rows_of(image, arguments).shape == (1, 0)
+    grid = inversion.features(torch.tensor([1]), torch.zeros(1, 0), 1, (1, 2))
+    assert grid[0, :, 0].tolist() == [[0.0, pytest.approx(math.log(2))]]
 
 
 @pytest.mark.parametrize("form", models.FORMS)
@@ -265,6 +280,15 @@ def test_interrupted_training_resumes_identically(kind, files, monkeypatch):
     assert f'kind = "{kind}"' in (files / "part.toml").read_text()
     with pytest.raises(SystemExit, match="other options"):
         run(monkeypatch, kind, files, files / "part", "--steps", "6", "--resume")
+
+
+@pytest.mark.parametrize("input, dimension", [("positions", 0), ("colour", 3)])
+def test_networks_of_the_other_inputs_are_described(input, dimension, files, monkeypatch):
+    run(monkeypatch, "inversion", files, files / "x", "--steps", "2", "--input", input)
+    described = (files / "x.toml").read_text()
+    assert f'input = "{input}"' in described and f"dimension = {dimension}\n" in described
+    session = onnxruntime.InferenceSession(str(files / "x.onnx"))
+    assert session.run(["image"], {"features": np.zeros((1, dimension + 1, 32, 48), np.float32)})[0].shape == (1, 3, 32, 48)
 
 
 def test_positions_learn_positions_encoded_in_descriptors(monkeypatch, files):

@@ -1,5 +1,7 @@
 """Reconstructs the image from descriptors and their positions: a U-Net, or three of them (`--form invsfm`).
 
+With `--input positions` the network gets no descriptors, with `--input colour` the colour of the pixel of each keypoint in their place.
+
 A training sample is a window of an image with a random scale around that of the whole image. Some keypoints are dropped, and with
 `--wrong` some are moved to random positions, like errors of a geometry-recovery attack.
 """
@@ -21,12 +23,16 @@ from .export import export
 from .models import FORMS, inversion, parameters
 from .perceptual import StLpips, unit
 
+#: What the network gets of a keypoint: its descriptor, nothing but the position, the colour of its pixel.
+INPUTS = ("descriptors", "positions", "colour")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     loop.add_arguments(parser, steps=100_000, batch=8, rate=3e-4)
     parser.add_argument("--image-folder", type=Path, action="append", required=True,
                         help="folder of the images that the keypoint files name; may be repeated")  # fmt: skip
     parser.add_argument("--form", choices=FORMS, default="unet", help="(%(default)s)")
+    parser.add_argument("--input", choices=INPUTS, default=INPUTS[0], help="what the network gets of a keypoint beside its position (%(default)s)")
     parser.add_argument("--width", type=int, default=64, help="channels at the largest resolution (%(default)s)")
     parser.add_argument("--levels", type=int, default=5, help="number of resolutions (%(default)s)")
     parser.add_argument("--side", type=int, default=256, help="cells along the longest side of an image (%(default)s)")
@@ -36,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--wrong", type=float, default=0.0, help="largest share of misplaced keypoints (%(default)s)")
     parser.add_argument("--feature-network", type=Path, help="file of ST-LPIPS (AlexNet) for a perceptual loss (default: none)")
     parser.add_argument("--feature-weight", type=float, default=1.0, help="(%(default)s)")
-    parser.add_argument("--mirror", action="store_true", help="mirror half of the samples; only valid for SIFT descriptors")
+    parser.add_argument("--mirror", action="store_true", help="mirror half of the samples; valid for positions, colours and SIFT descriptors")
     parser.add_argument("--bf16", action="store_true", help="convolutions of 16 bits (bfloat16), for GPUs that have them")
 
 
@@ -100,6 +106,18 @@ def window(photo: torch.Tensor, box: np.ndarray, side: int) -> torch.Tensor:
     return F.avg_pool2d(twice, 2) / 255.0
 
 
+def rows_of(image: KeypointImage, args: argparse.Namespace) -> np.ndarray:
+    """What the network gets of each keypoint of an image, by `--input`. `[N, D]`, `[N, 0]` or `[N, 3]`, float32"""
+    if args.input == "descriptors":
+        return scaled(image.descriptors)
+    if args.input == "positions":
+        return np.zeros((len(image.keypoints), 0), np.float32)
+    with Image.open(find_image(args.image_folder, image.name)) as opened:
+        photo = np.asarray(opened.convert("RGB"))
+    column, row = np.floor(image.keypoints * [photo.shape[1] / image.width, photo.shape[0] / image.height]).astype(np.int64).T
+    return photo[row, column].astype(np.float32) / 127.5 - 1.0
+
+
 @dataclass(frozen=True)
 class Windows:
     """Windows as a worker samples them: everything but descriptors and pixels, which are on the device."""
@@ -124,12 +142,13 @@ class WindowSampler:
         self.window = max(side // multiple, 1) * multiple
         self.first = np.cumsum([0] + [len(image.keypoints) for image in images])
         dimension = images[0].descriptors.shape[1]
-        self.mirrored_order = torch.from_numpy(mirrored(np.arange(dimension)[None])[0].copy()).to(args.device) if args.mirror else None
+        reordered = args.mirror and args.input == "descriptors"
+        self.mirrored_order = torch.from_numpy(mirrored(np.arange(dimension)[None])[0].copy()).to(args.device) if reordered else None
 
     def load(self) -> None:
         """Loads descriptors and pixels into the device's memory."""
         device, longest = self.args.device, 2 * self.args.side
-        self.descriptors = torch.cat([torch.from_numpy(scaled(x.descriptors)).half().to(device) for x in self.images])
+        self.descriptors = torch.cat([torch.from_numpy(rows_of(x, self.args)).half().to(device) for x in self.images])
         with ThreadPoolExecutor() as pool:
             read = pool.map(lambda x: pixels(self.args.image_folder, x.name, longest), self.images)
             self.pixels = [photo.to(device) for photo in read]
@@ -180,7 +199,7 @@ class WholeImage:
         self.shape, self.device = (height, width), args.device
         places, right = misplaced(image.keypoints * [width / image.width, height / image.height], 0.5 * args.wrong, self.shape, rng)
         self.cells, self.right = torch.from_numpy(cells_of(places, self.shape)), torch.from_numpy(right)
-        self.descriptors = torch.from_numpy(scaled(image.descriptors))
+        self.descriptors = torch.from_numpy(rows_of(image, args))
         self.photo = pixels(args.image_folder, image.name, size=(width, height))
 
     def on_device(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -215,9 +234,9 @@ def run(args: argparse.Namespace) -> None:
     loop.setup(args)
     multiple = 1 << (args.levels - 1)
     training, validation = split(read_keypoints(args.keypoints, args.images), args.validation)
-    if args.mirror and training[0].features != "sift":
+    if args.mirror and args.input == "descriptors" and training[0].features != "sift":
         sys.exit(f"--mirror is only for descriptors of kind sift, and these are of kind {training[0].features}")
-    dimension = training[0].descriptors.shape[1]
+    dimension = {"descriptors": training[0].descriptors.shape[1], "positions": 0, "colour": 3}[args.input]
     network = inversion(args.form, dimension, args.width, args.levels).to(args.device, memory_format=torch.channels_last)
     draws = WindowSampler(training, args, multiple)
     draws.load()
@@ -254,4 +273,6 @@ def run(args: argparse.Namespace) -> None:
 
     trained = loop.train(loop.Task(network, draws.batch, loss_of, validate), args)
     more = {"side": args.side, "multiple": multiple, "visible": args.form == "invsfm"}
+    if args.input != "descriptors":
+        more["input"] = args.input
     export(trained.to(memory_format=torch.contiguous_format), args.out, "inversion", training[0].features, dimension, **more)
