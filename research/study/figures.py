@@ -50,7 +50,8 @@ def script(command: str, *tables: str, needs: str = ""):
 
 
 GPU = "networks that a GPU trains"
-script("veiloc eval inversion", "privacy/inversion.csv", "privacy/inversion-paper.csv", needs=GPU)
+script("veiloc eval inversion", "privacy/inversion.csv", needs=GPU)
+script("typed", "privacy/inversion-paper.csv", needs="the paper, Tables 2 and 7")
 script("research/notes/edge_inversion.py", "privacy/edge-inversion.csv", needs=GPU)
 script("python -m veiloc_train neighbours", "features/predictors.csv", needs=GPU)
 script("$P research/notes/scale_model.py --csv $O/scale && $P research/notes/scale_model.py --plot docs/images/scale.svg", "scale/model.csv",

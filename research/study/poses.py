@@ -10,7 +10,7 @@ import tempfile
 import time as clock
 from pathlib import Path
 
-from study import constants  # noqa: F401, one of its commands
+from study import constants, direct, learned_recipe  # noqa: F401, with commands of this page
 from study.common import RIGHT, SCENES, Package, cm, command, number, percent
 from study.geometry import angle, center, rotation
 
@@ -89,7 +89,7 @@ def data_sets(run):
         if not root.exists():
             run.run("synth", "export", "--quiet", "--layout", layout, "--out", root)
         truth = ["--truth", root / "queries/poses.txt"] if layout.startswith("aachen") else []
-        for row in run.document("eval", "dataset", layout.removesuffix("-v1.1"), "--root", root, "--jobs", 1, *truth)["schemes"]:
+        for row in run.document("eval", "dataset", layout, "--root", root, "--jobs", 1, *truth)["schemes"]:
             best = list(row["recall"])[0]
             table.add({"layout": layout, "condition": row.get("condition", ""), "smallest threshold (m/°)": best,
                        "within it (%)": percent(row["recall"][best])}, row)  # fmt: skip
