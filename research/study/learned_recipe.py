@@ -121,8 +121,8 @@ def judged(replica: Replica, problem: dict, found) -> tuple[float, float, bool]:
     """Errors of a found pose in map units and degrees, and whether it is wrong and has a better score than the refined true pose."""
     cost, r, t = found
     truth, t0 = rotation(problem["cam_from_world"]["q"]), np.array(problem["cam_from_world"]["t"])
-    away, turned = float(np.linalg.norm(center(r, t) - center(truth, t0))), angle(truth, r)
-    return away, turned, (away > 0.05 or turned > 5) and cost < replica.refined(truth, t0)[0]
+    away, rotated = float(np.linalg.norm(center(r, t) - center(truth, t0))), angle(truth, r)
+    return away, rotated, (away > 0.05 or rotated > 5) and cost < replica.refined(truth, t0)[0]
 
 
 @command("poses/recipe-cause.csv", needs=NETWORKS, scene_of=("redkitchen", "a place"), features=["sift", "aliked-t16"],
@@ -148,7 +148,7 @@ def recipe_cause(run):
                            for of in (replicas, [Replica(problem, both=True) for problem in own]))  # fmt: skip
             right = np.array([is_right(problem).mean() for problem in own])
             half = np.array([max(replica.side.mean(), 1 - replica.side.mean()) for replica in replicas])
-            hits = [np.mean([away <= 0.05 and turned <= 5 for away, turned, _ in of]) for of in (found, both)]
+            hits = [np.mean([away <= 0.05 and rotated <= 5 for away, rotated, _ in of]) for of in (found, both)]
             lost = np.array([better for *_, better in found])
             table.add([features, "as given" if share == "given" else "wrong or right ones removed", percent(np.median(right), 0),
                        percent(np.median(half), 0), *(CELLS["within 5 cm and 5° (%)"](row) for row in within), *map(percent, hits),

@@ -30,7 +30,7 @@ def test_epsilon_falls_with_noise():
 def test_a_patch_lies_in_the_frame_of_its_keypoint():
     cv2 = pytest.importorskip("cv2")
     gray = np.tile(np.arange(200, dtype=np.uint8), (200, 1))
-    upright, turned = (study.cut(gray, (100, 100, 40, angle)) for angle in (0, 90))
+    upright, rotated = (study.cut(gray, (100, 100, 40, angle)) for angle in (0, 90))
     assert upright.mean() == pytest.approx(study.MEAN, abs=0.01) and upright.std() == pytest.approx(study.CONTRAST, abs=0.01)
-    assert (np.diff(upright[16]) >= 0).all() and np.ptp(upright[:, 16]) == 0 and np.ptp(turned[16]) == 0
+    assert (np.diff(upright[16]) >= 0).all() and np.ptp(upright[:, 16]) == 0 and np.ptp(rotated[16]) == 0
     assert study.cut(gray, (10, 100, 40, 0)) is None and cv2.__version__

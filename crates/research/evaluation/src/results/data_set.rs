@@ -10,7 +10,7 @@ use crate::results::document::{MapSummary, QueryResult, SchemeSummary};
 pub struct DataSetEvaluation {
     /// Version of this document.
     pub version: u32,
-    /// The command: `eval dataset 7scenes`, `eval dataset cambridge` or `eval dataset aachen`.
+    /// The command: `eval dataset 7scenes`, `eval dataset cambridge`, `eval dataset aachen` or `eval dataset aachen-v1.1`.
     pub command: &'static str,
     /// Names of the scenes.
     pub data: Vec<String>,
