@@ -127,6 +127,33 @@ async function storedSize(segment) {
   return { width, height };
 }
 
+/** In the page: keypoints of a view, of the view under a mask, and of another view under it that differs only there. */
+async function maskedInPage(view) {
+  const { Client, load, storedBitmap } = await import("/page/index.js");
+  const bitmap = await storedBitmap(await (await fetch(`/page/${view.file}`)).blob());
+  const { width, height } = bitmap;
+  const context = new OffscreenCanvas(width, height).getContext("2d");
+  context.drawImage(bitmap, 0, 0);
+  const image = context.getImageData(0, 0, width, height);
+  const other = new ImageData(image.data.slice(), width, height);
+  // MediaPipe's confidences, at a twentieth of the size: the middle of the view.
+  const mask = { width: 20, height: 15, data: new Float32Array(300), kind: "confidence" };
+  for (let y = 5; y < 12; y += 1) for (let x = 6; x < 14; x += 1) mask.data[20 * y + x] = 0.9;
+  for (let y = 0; y < height; y += 1) {
+    for (let x = 0; x < width; x += 1) {
+      if (!mask.data[20 * Math.floor((15 * y) / height) + Math.floor((20 * x) / width)]) continue;
+      for (let c = 0; c < 3; c += 1) other.data[4 * (width * y + x) + c] ^= 255;
+    }
+  }
+  const device = await load(await new Client(location.origin).profile("demo"));
+  const sealer = await device.sealer();
+  const count = async (pixels, facts) => (await sealer.extract(pixels, view.camera, facts)).keypoints;
+  const counts = [await count(image), await count(image, { mask }), await count(other, { mask })];
+  const refused = await sealer.extract(image, view.camera, { mask: { ...mask, kind: "nobody" } }).catch((error) => error.kind);
+  device.close();
+  return { counts, refused };
+}
+
 /** In the page: seals a view six times with given random bytes; returns the hash of the bytes, and milliseconds of the fastest run. */
 async function sealInPage({ view, seed }) {
   const { Core } = await import("/page/core.js");
@@ -166,6 +193,10 @@ export async function sealsAreEqual(page, views, profile) {
   console.log("== a photograph that is stored rotated");
   const size = await page.evaluate(storedSize, exifSegment(26, 6));
   check("the EXIF orientation is not applied", size.width === 64 && size.height === 48, `${size.width} x ${size.height}`);
+  console.log("== a mask of people");
+  const { counts: [whole, masked, changed], refused } = await page.evaluate(maskedInPage, views[0]);
+  check("nothing under a mask is used", masked === changed && masked < whole && masked > 0, `${whole} keypoints, ${masked} and ${changed} under it`);
+  check("an unknown kind of mask is refused", refused === "option", refused);
   console.log("== seals of the browser and of the native program");
   const ratios = [];
   for (const [index, view] of views.entries()) {

@@ -142,6 +142,18 @@ typedef enum VeilocFocal {
   VEILOC_FOCAL_UNKNOWN = 2,
 } VeilocFocal;
 
+// Which values of a mask hide a pixel.
+typedef enum VeilocMaskKind {
+  // All but 0: ARKit's `segmentationBuffer`, the categories of MediaPipe's multiclass segmenter.
+  VEILOC_MASK_KIND_MARKED = 0,
+  // 51 and more: a confidence, 255 for certain.
+  VEILOC_MASK_KIND_CONFIDENCE = 1,
+  // Person (10) and vehicle (9) of ARCore's scene semantics.
+  VEILOC_MASK_KIND_ARCORE_SEMANTICS = 2,
+  // Below 128: black hides, as in mask files of COLMAP.
+  VEILOC_MASK_KIND_DARK_HIDES = 3,
+} VeilocMaskKind;
+
 // What is sent with a pack.
 typedef enum VeilocPackUse {
   // The points that keypoints match in the pack, and no descriptor.
@@ -276,6 +288,25 @@ typedef struct VeilocBurstOptions {
   double metres_per_unit;
 } VeilocBurstOptions;
 
+// Pixels of a frame of which nothing is sent: a byte for each, of any resolution. It shows the same as the frame, before the frame is
+// turned. A mask that hides nothing is none; one that hides all is refused.
+typedef struct VeilocMask {
+  // The first byte of the first row.
+  const uint8_t *bytes;
+  // How many bytes may be read.
+  size_t length;
+  // A `VeilocMaskKind`.
+  uint32_t kind;
+  // Pixels of a row.
+  uint32_t width;
+  // Rows.
+  uint32_t height;
+  // Bytes from one row to the next; 0 when rows follow each other without a gap.
+  size_t row_stride;
+  // How far beyond what is marked is hidden, too, as a share of the mask's longer side; 0 for 0.02.
+  float margin;
+} VeilocMask;
+
 // A frame of the camera: bytes that stay where the camera wrote them.
 typedef struct VeilocFrame {
   // The first byte of the first row.
@@ -294,6 +325,8 @@ typedef struct VeilocFrame {
   // the poses of ARKit and of ARCore's `Camera.getPose()`, the rotation of the display for AR Foundation and
   // `getDisplayOrientedPose()`.
   int32_t turn_degrees;
+  // People and what else must not be sent; null for none.
+  const struct VeilocMask *mask;
 } VeilocFrame;
 
 // A camera of COLMAP's models. The size is that of the frame as the sensor gives it, before it is turned.

@@ -3,7 +3,7 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use veiloc_ar::{Burst, BurstOptions, SealedBurst};
-use veiloc_obfuscation::device_rng;
+use veiloc_obfuscation::{SealError, device_rng};
 
 use crate::answer::VeilocAnswer;
 use crate::bytes::VeilocBytes;
@@ -133,7 +133,9 @@ pub unsafe extern "C" fn veiloc_burst_offer(
         // SAFETY: as above.
         let given = unsafe { pointers::reference(frame, "frame") }?;
         // SAFETY: as above.
-        let frame = unsafe { given.frame() }?;
+        let hidden = unsafe { given.hidden() }?;
+        // SAFETY: as above.
+        let frame = unsafe { given.frame() }?.hiding(hidden.as_ref()).map_err(SealError::from)?;
         // SAFETY: as above.
         let known = unsafe { camera(camera_of_frame, given) }?;
         // SAFETY: as above.

@@ -2,8 +2,8 @@
 
 use std::ffi::c_char;
 
-use veiloc_ar::{CameraFrame, PixelFormat, QuarterTurns};
-use veiloc_features::guessed_camera_of;
+use veiloc_ar::{CameraFrame, FrameMask, MaskKind, PixelFormat, QuarterTurns};
+use veiloc_features::{Mask, guessed_camera_of};
 use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::{KnownCamera, SealError};
 use veiloc_protocol::FocalKnowledge;
@@ -35,6 +35,41 @@ pub enum VeilocFocal {
     Unknown = 2,
 }
 
+/// Which values of a mask hide a pixel.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum VeilocMaskKind {
+    /// All but 0: ARKit's `segmentationBuffer`, the categories of MediaPipe's multiclass segmenter.
+    Marked = 0,
+    /// 51 and more: a confidence, 255 for certain.
+    Confidence = 1,
+    /// Person (10) and vehicle (9) of ARCore's scene semantics.
+    ArcoreSemantics = 2,
+    /// Below 128: black hides, as in mask files of COLMAP.
+    DarkHides = 3,
+}
+
+/// Pixels of a frame of which nothing is sent: a byte for each, of any resolution. It shows the same as the frame, before the frame is
+/// turned. A mask that hides nothing is none; one that hides all is refused.
+#[repr(C)]
+#[derive(Debug, Clone, Copy)]
+pub struct VeilocMask {
+    /// The first byte of the first row.
+    pub bytes: *const u8,
+    /// How many bytes may be read.
+    pub length: usize,
+    /// A `VeilocMaskKind`.
+    pub kind: u32,
+    /// Pixels of a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Bytes from one row to the next; 0 when rows follow each other without a gap.
+    pub row_stride: usize,
+    /// How far beyond what is marked is hidden, too, as a share of the mask's longer side; 0 for 0.02.
+    pub margin: f32,
+}
+
 /// A frame of the camera: bytes that stay where the camera wrote them.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
@@ -55,6 +90,8 @@ pub struct VeilocFrame {
     /// the poses of ARKit and of ARCore's `Camera.getPose()`, the rotation of the display for AR Foundation and
     /// `getDisplayOrientedPose()`.
     pub turn_degrees: i32,
+    /// People and what else must not be sent; null for none.
+    pub mask: *const VeilocMask,
 }
 
 /// A camera of COLMAP's models. The size is that of the frame as the sensor gives it, before it is turned.
@@ -93,6 +130,24 @@ pub extern "C" fn veiloc_camera_pinhole(
 }
 
 impl VeilocFrame {
+    /// What its mask hides.
+    ///
+    /// # Safety
+    /// `mask` is null or valid, and its bytes are valid for reads of `length` bytes during the call.
+    pub(crate) unsafe fn hidden(&self) -> Result<Option<Mask>, Failure> {
+        // SAFETY: the caller guarantees it.
+        let Some(mask) = (unsafe { pointers::optional(self.mask) }) else { return Ok(None) };
+        // SAFETY: as above.
+        let bytes = unsafe { pointers::slice(mask.bytes, mask.length, "frame.mask.bytes") }?;
+        let kind = MaskKind::ALL.get(mask.kind as usize).copied();
+        let kind = kind
+            .ok_or_else(|| Failure::new(VeilocStatus::Argument, format!("no kind of mask {}", mask.kind)))?;
+        let margin = if mask.margin == 0.0 { FrameMask::MARGIN } else { mask.margin };
+        let (size, row_stride) = ((mask.width, mask.height), mask.row_stride);
+        let mask = FrameMask { kind, size, bytes, row_stride, margin };
+        Ok(mask.of_frame((self.width, self.height)).map_err(SealError::from)?)
+    }
+
     /// The frame of the caller.
     ///
     /// # Safety

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use rand_chacha::ChaCha20Rng;
 use veiloc_ar::orientation_in_world;
 use veiloc_features::Image;
-use veiloc_obfuscation::{DeviceLimits, Extracted, PackUse, SealOptions, Sealer, device_rng};
+use veiloc_obfuscation::{DeviceLimits, Extracted, PackUse, SealError, SealOptions, Sealer, device_rng};
 use veiloc_protocol::{AngleBits, Scheme};
 
 use crate::camera::{VeilocCamera, VeilocFrame, camera};
@@ -93,7 +93,10 @@ pub unsafe extern "C" fn veiloc_sealer_extract(
         // SAFETY: as above.
         let given = unsafe { pointers::reference(frame, "frame") }?;
         // SAFETY: as above.
-        let mut image = Image::from(&unsafe { given.frame() }?);
+        let hidden = unsafe { given.hidden() }?;
+        // SAFETY: as above.
+        let frame = unsafe { given.frame() }?.hiding(hidden.as_ref()).map_err(SealError::from)?;
+        let mut image = Image::from(&frame);
         // SAFETY: as above.
         let known = unsafe { camera(camera_of_frame, given) }?;
         // SAFETY: as above.

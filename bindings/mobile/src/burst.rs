@@ -2,10 +2,10 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use veiloc_obfuscation::device_rng;
+use veiloc_obfuscation::{SealError, device_rng};
 
 use crate::answer::Answer;
-use crate::camera::{Camera, FrameLayout, known_camera};
+use crate::camera::{Camera, FrameLayout, Mask, known_camera};
 use crate::cancellation::{Cancellation, stop_of};
 use crate::error::VeilocException;
 use crate::pose::{Axes, CameraPose};
@@ -89,9 +89,11 @@ impl Burst {
     /// - `bytes`, `layout`, `camera`: as for `Sealer.extract`.
     /// - `camera_in_world`: the pose of the camera when it took the frame.
     /// - `timestamp`: seconds of any clock that does not jump, when the camera took the frame.
+    /// - `mask`: as for `Sealer.extract`.
     ///
     /// # Errors
     /// [`VeilocException`]; nothing has changed then.
+    #[uniffi::method(default(mask = None))]
     pub fn offer(
         &self,
         bytes: &[u8],
@@ -99,8 +101,10 @@ impl Burst {
         camera: Option<Camera>,
         camera_in_world: CameraPose,
         timestamp: f64,
+        mask: Option<Mask>,
     ) -> Result<bool, VeilocException> {
-        let frame = layout.frame(bytes)?;
+        let hidden = Mask::hidden(mask, layout)?;
+        let frame = layout.frame(bytes)?.hiding(hidden.as_ref()).map_err(SealError::from)?;
         let camera = known_camera(camera, layout)?;
         let pose = camera_in_world.cam_from_ar()?;
         Ok(self.locked().offer(&frame, &camera, &pose, timestamp)?)

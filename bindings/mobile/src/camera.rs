@@ -1,6 +1,6 @@
 //! Cameras and frames.
 
-use veiloc_ar::{CameraFrame, PixelFormat, QuarterTurns};
+use veiloc_ar::{CameraFrame, FrameMask, PixelFormat, QuarterTurns};
 use veiloc_features::guessed_camera_of;
 use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::{KnownCamera, SealError};
@@ -38,6 +38,39 @@ pub struct FrameLayout {
     pub turn_degrees: i32,
 }
 
+/// Which values of a mask hide a pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, uniffi::Enum)]
+pub enum MaskKind {
+    /// All but 0: ARKit's `segmentationBuffer`, the categories of MediaPipe's multiclass segmenter.
+    Marked,
+    /// 51 and more: a confidence, 255 for certain.
+    Confidence,
+    /// Person (10) and vehicle (9) of ARCore's scene semantics.
+    ArcoreSemantics,
+    /// Below 128: black hides, as in mask files of COLMAP.
+    DarkHides,
+}
+
+/// Pixels of a frame of which nothing is sent: a byte for each, of any resolution. It shows the same as the frame, before the frame is
+/// turned. A mask that hides nothing is none; one that hides all is refused.
+#[derive(Clone, PartialEq, uniffi::Record)]
+pub struct Mask {
+    /// Which values hide.
+    pub kind: MaskKind,
+    /// Pixels of a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// The rows.
+    pub bytes: Vec<u8>,
+    /// Bytes from one row to the next; 0 when rows follow each other without a gap.
+    #[uniffi(default = 0)]
+    pub row_stride: u32,
+    /// How far beyond what is marked is hidden, too, as a share of the mask's longer side. Default 0.02.
+    #[uniffi(default = None)]
+    pub margin: Option<f32>,
+}
+
 /// How well the focal length is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, uniffi::Enum)]
 pub enum Focal {
@@ -70,6 +103,26 @@ pub struct Camera {
 pub fn pinhole_camera(width: u32, height: u32, fx: f64, fy: f64, cx: f64, cy: f64) -> Camera {
     let (model, params) = ("PINHOLE".to_owned(), vec![fx, fy, cx, cy]);
     Camera { model, width, height, params, focal: Focal::Calibrated }
+}
+
+impl Mask {
+    /// What it hides of a frame.
+    pub(crate) fn hidden(
+        mask: Option<Self>,
+        layout: FrameLayout,
+    ) -> Result<Option<veiloc_features::Mask>, VeilocException> {
+        let Some(Self { kind, width, height, bytes, row_stride, margin }) = mask else { return Ok(None) };
+        let kind = match kind {
+            MaskKind::Marked => veiloc_ar::MaskKind::Marked,
+            MaskKind::Confidence => veiloc_ar::MaskKind::Confidence,
+            MaskKind::ArcoreSemantics => veiloc_ar::MaskKind::ArcoreSemantics,
+            MaskKind::DarkHides => veiloc_ar::MaskKind::DarkHides,
+        };
+        let (size, row_stride, margin) =
+            ((width, height), row_stride as usize, margin.unwrap_or(FrameMask::MARGIN));
+        let mask = FrameMask { kind, size, bytes: &bytes, row_stride, margin };
+        Ok(mask.of_frame((layout.width, layout.height)).map_err(SealError::from)?)
+    }
 }
 
 impl FrameLayout {

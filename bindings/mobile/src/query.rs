@@ -62,7 +62,8 @@ impl Query {
 /// `rotation_sd_deg` and `translation_sd` (metres): how exact the AR framework's poses are.
 ///
 /// # Errors
-/// [`VeilocException::Argument`] for no or more than 32 queries, another number of poses, or invalid numbers.
+/// [`VeilocException::Argument`] for no or more than 32 queries, another number of poses, invalid numbers, or queries that were
+/// not sealed in one session.
 #[uniffi::export]
 pub fn rig_bytes(
     queries: Vec<Arc<Query>>,

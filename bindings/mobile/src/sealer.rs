@@ -5,10 +5,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use rand_chacha::ChaCha20Rng;
 use veiloc_ar::orientation_in_world;
 use veiloc_features::Image;
-use veiloc_obfuscation::{DeviceLimits, device_rng};
+use veiloc_obfuscation::{DeviceLimits, SealError, device_rng};
 use veiloc_protocol::{AngleBits, Scheme};
 
-use crate::camera::{Camera, FrameLayout, known_camera};
+use crate::camera::{Camera, FrameLayout, Mask, known_camera};
 use crate::cancellation::{Cancellation, stop_of};
 use crate::error::VeilocException;
 use crate::pack::{Pack, PackUse};
@@ -93,10 +93,11 @@ impl Sealer {
     /// - `camera_in_world`: the pose of the camera when it took the frame. It stays on the device, except for gravity
     ///   (`SealOptions`).
     /// - `cancellation`: a request that another thread may make to stop the call.
+    /// - `mask`: people and what else must not be sent.
     ///
     /// # Errors
     /// [`VeilocException`].
-    #[uniffi::method(default(camera = None, camera_in_world = None, cancellation = None))]
+    #[uniffi::method(default(camera = None, camera_in_world = None, cancellation = None, mask = None))]
     pub fn extract(
         &self,
         bytes: &[u8],
@@ -104,8 +105,11 @@ impl Sealer {
         camera: Option<Camera>,
         camera_in_world: Option<CameraPose>,
         cancellation: Option<Arc<Cancellation>>,
+        mask: Option<Mask>,
     ) -> Result<Arc<Extracted>, VeilocException> {
-        let image = Image::from(&layout.frame(bytes)?).with_stop(&stop_of(cancellation));
+        let hidden = Mask::hidden(mask, layout)?;
+        let frame = layout.frame(bytes)?.hiding(hidden.as_ref()).map_err(SealError::from)?;
+        let image = Image::from(&frame).with_stop(&stop_of(cancellation));
         let camera = known_camera(camera, layout)?;
         let pose = camera_in_world.map(CameraPose::cam_from_ar).transpose()?;
         let orientation = pose.as_ref().map(orientation_in_world).transpose()?.unwrap_or_default();

@@ -57,6 +57,24 @@ export interface SealOptions {
   send?: "matches" | "explained";
 }
 
+/**
+ * Pixels of an image of which nothing is sent, for any resolution of the same view: people, screens. A mask that hides nothing is none;
+ * one that hides all is refused (`image`).
+ */
+export interface Mask {
+  width: number;
+  height: number;
+  /** A byte for each pixel, or MediaPipe's confidences from 0 to 1 with the kind `confidence`. */
+  data: Uint8Array | Uint8ClampedArray | Float32Array;
+  /**
+   * Which values hide: `marked`, all but 0 (default; categories of MediaPipe's multiclass segmenter); `confidence`, a fifth and more;
+   * `arcore-semantics`, person and vehicle; `dark-hides`, below 128.
+   */
+  kind?: "marked" | "confidence" | "arcore-semantics" | "dark-hides";
+  /** How far beyond what is marked is hidden, too, as a share of the longer side; default 0.02. */
+  margin?: number;
+}
+
 /** What is known about an image beside its camera. */
 export interface ImageFacts {
   /**
@@ -64,6 +82,8 @@ export interface ImageFacts {
    * Default: the image, if it is a `Blob` or `File`.
    */
   file?: Blob;
+  /** People and what else must not be sent. */
+  mask?: Mask;
   /**
    * Orientation of the camera when it took the image. Its `down` is sent, rounded to about a degree; the rest, which only a session
    * uses, is not.

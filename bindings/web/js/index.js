@@ -182,8 +182,14 @@ class Sealer {
   }
 
   /** Extracts the features of an image. They stay in the worker. */
-  async extract(image, camera = null, { attitude, file = image } = {}) {
+  async extract(image, camera = null, { attitude, mask, file = image } = {}) {
     const [rest, transfer] = await imageArguments({ op: "extract", sealer: this.#handle, camera, ...attitude }, image);
+    if (mask) {
+      const { width, height, data, kind = "marked", margin } = mask;
+      rest.head.mask = { width, height, kind, ...(margin !== undefined && { margin }) };
+      // Confidences of MediaPipe are numbers from 0 to 1.
+      rest.mask = data instanceof Float32Array ? Uint8Array.from(data, (share) => Math.round(255 * share)) : data;
+    }
     // For the focal length in its EXIF data; the bytes stay in the worker.
     if (camera === null && file instanceof Blob) rest.file = new Uint8Array(await file.arrayBuffer());
     const { head } = await this.#connection.request("extract", rest, transfer);

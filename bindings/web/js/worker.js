@@ -31,10 +31,10 @@ const jobs = {
   },
   call: ({ head, bytes }) => core.call(head, ...(bytes ? [bytes] : [])),
   session: ({ head }) => core.call(head, random()),
-  extract: ({ head, image, file }) => {
+  extract: ({ head, image, file, mask }) => {
     const { width, height, data } = pixels(image);
     const known = file ? core.call({ op: "exif", width, height }, file).head : {};
-    return timed(() => core.call({ ...head, ...known, width, height }, data));
+    return timed(() => core.call({ ...head, ...known, width, height }, data, ...(mask ? [mask] : [])));
   },
   seal: ({ head }) => timed(() => core.call(head, random())),
 };

@@ -128,4 +128,22 @@ pub struct Extract {
     /// Its standard deviation, degrees; `None` for that of tracking.
     #[serde(default)]
     pub down_sd_deg: Option<f64>,
+    /// Of which pixels nothing is sent; its bytes follow those of the image.
+    #[serde(default)]
+    pub mask: Option<Mask>,
+}
+
+/// A mask, a byte a pixel.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "camelCase", deny_unknown_fields)]
+pub struct Mask {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Which values hide: `marked` (all but 0), `confidence` (51 and more), `arcore-semantics` (9 and 10) or `dark-hides` (below 128).
+    pub kind: String,
+    /// As a share of the longer side; `None` for the default.
+    #[serde(default)]
+    pub margin: Option<f32>,
 }

@@ -6,7 +6,9 @@ use std::rc::Rc;
 
 use rand_chacha::ChaCha20Rng;
 use serde::Serialize;
-use veiloc_features::{Features, GrayImage, Image, exif_camera_of, guessed_camera_of};
+use veiloc_features::{
+    Features, FrameMask, GrayImage, Image, Mask, MaskKind, exif_camera_of, guessed_camera_of,
+};
 use veiloc_geometry::{Intrinsics, IntrinsicsError, Pixel};
 use veiloc_obfuscation::{
     DeviceLimits, Extracted, KnownCamera, KnownPlace, Orientation, PackUse, SealError, SealOptions, Sealer,
@@ -104,6 +106,17 @@ pub fn sealer(request: &request::Sealer, pack: &[u8], profile: &Profile) -> Resu
     Ok(Sealer::new(profile, options)?)
 }
 
+/// What the mask of a request hides of the image.
+fn hidden(request: &request::Extract, bytes: &[u8]) -> Result<Option<Mask>, WebError> {
+    let Some(request::Mask { width, height, kind, margin }) = &request.mask else { return Ok(None) };
+    let kind = kind
+        .parse::<MaskKind>()
+        .map_err(|e| WebError::Option { name: "mask.kind", reason: e.to_string() })?;
+    let (size, margin) = ((*width, *height), margin.unwrap_or(FrameMask::MARGIN));
+    let mask = FrameMask { kind, size, bytes, row_stride: 0, margin };
+    Ok(mask.of_frame((request.width, request.height))?)
+}
+
 /// Extracts the features of an image of red, green, blue and alpha bytes.
 ///
 /// # Errors
@@ -113,7 +126,18 @@ pub fn extract(
     pixels: &[u8],
     sealer: &Sealer,
 ) -> Result<StoredFeatures, WebError> {
-    let image = Image::from(GrayImage::from_rgba8(request.width, request.height, pixels)?);
+    let size = (request.width, request.height);
+    let length = u64::from(size.0) * u64::from(size.1) * 4;
+    let (pixels, mask) = match &request.mask {
+        Some(_) => {
+            pixels.split_at(usize::try_from(length).map_or(pixels.len(), |length| length.min(pixels.len())))
+        }
+        None => (pixels, &[][..]),
+    };
+    let mut image = Image::from(GrayImage::from_rgba8(size.0, size.1, pixels)?);
+    if let Some(hidden) = hidden(request, mask)? {
+        image = image.without(&hidden)?;
+    }
     let (orientation, gravity) = (orientation(request)?, gravity(request)?);
     let extracted = sealer.extract(image, camera(request)?)?;
     let camera = extracted.camera().intrinsics;

@@ -116,6 +116,62 @@ fn pack() -> Pack {
     Pack::new(profile(), points, [((0..points).collect(), rows)]).expect("a pack")
 }
 
+/// Nothing under a mask reaches the query (rule L13), whatever the resolution of the mask; what hides nothing is none.
+#[test]
+fn nothing_under_a_mask_is_sent() {
+    let (mut device, profile) = device_and_profile();
+    let labels: Vec<u8> =
+        (0..32 * 24).map(|at| u8::from((10..20).contains(&(at % 32)) && at / 32 > 12) * 9).collect();
+    let mut hidden = pixels();
+    for (at, pixel) in hidden.chunks_mut(4).enumerate() {
+        if labels[at / 320 / 10 * 32 + at % 320 / 10] != 0 {
+            for value in pixel {
+                *value = !*value;
+            }
+        }
+    }
+    let masked = |kind: &str, more: Value| {
+        let mask = with(&json!({"width": 32, "height": 24, "kind": kind}), &[]);
+        let mask = with(
+            &mask,
+            &more
+                .as_object()
+                .expect("fields")
+                .iter()
+                .map(|(k, v)| (k.as_str(), v.clone()))
+                .collect::<Vec<_>>(),
+        );
+        let image = json!({"width": 320, "height": 240, "camera": CAMERA, "mask": mask});
+        Calls { image, ..Calls::of(profile.clone()) }
+    };
+    let of = |pixels: &[u8], labels: &[u8]| [pixels, labels].concat();
+    let mask = masked("marked", json!({}));
+    let (head, shown) = mask.seal(&mut device, &of(&pixels(), &labels));
+    assert!(head["query"].is_u64(), "{head}");
+    assert!(mask.seal(&mut device, &of(&hidden, &labels)).1 == shown, "nothing under it is sent");
+    assert!(
+        masked("arcore-semantics", json!({})).seal(&mut device, &of(&hidden, &labels)).1 == shown,
+        "the same pixels"
+    );
+    let plain = Calls::of(profile.clone());
+    let without = plain.seal(&mut device, &pixels()).1;
+    assert!(without != shown && plain.seal(&mut device, &hidden).1 != without, "the region has keypoints");
+    assert!(
+        masked("marked", json!({})).seal(&mut device, &of(&pixels(), &[0; 32 * 24])).1 == without,
+        "none"
+    );
+    for (mask, labels, part) in [
+        (masked("nobody", json!({})), labels.clone(), "nobody"),
+        (masked("marked", json!({"margin": -1.0})), labels.clone(), "margin"),
+        (masked("marked", json!({})), labels[..700].to_vec(), "700"),
+        (masked("marked", json!({})), vec![1; 32 * 24], "hides the whole image"),
+        (plain, labels, "samples"),
+    ] {
+        let (head, _) = mask.seal(&mut device, &of(&pixels(), &labels));
+        assert!(head["error"].as_str().is_some_and(|text| text.contains(part)), "{part}: {head}");
+    }
+}
+
 #[test]
 fn with_a_pack_the_library_s_matches_are_sent() {
     let (mut device, profile_handle) = device_and_profile();

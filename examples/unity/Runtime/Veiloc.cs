@@ -68,6 +68,32 @@ namespace Veiloc
         }
     }
 
+    /// <summary>Which values of a mask hide a pixel.</summary>
+    public enum MaskKind : uint
+    {
+        /// <summary>All but 0: a stencil that marks people, as AROcclusionManager's.</summary>
+        Marked = 0,
+        /// <summary>51 and more: a confidence, 255 for certain.</summary>
+        Confidence = 1,
+        /// <summary>Person (10) and vehicle (9) of ARCore's scene semantics.</summary>
+        ArcoreSemantics = 2,
+        /// <summary>Below 128: black hides.</summary>
+        DarkHides = 3,
+    }
+
+    /// <summary>Pixels of a frame of which nothing is sent: a byte for each, of any resolution. It shows the same as the frame, before the
+    /// frame is turned.</summary>
+    public sealed class Mask
+    {
+        public MaskKind Kind;
+        public uint Width, Height;
+        public byte[] Bytes;
+        /// <summary>Bytes from one row to the next; 0 when rows follow each other.</summary>
+        public uint RowStride;
+        /// <summary>How far beyond what is marked is hidden, too, as a share of the longer side; 0 for 0.02.</summary>
+        public float Margin;
+    }
+
     /// <summary>How the bytes of a frame are arranged.</summary>
     public struct FrameLayout
     {
@@ -77,6 +103,8 @@ namespace Veiloc
         public uint RowStride;
         /// <summary>Clockwise degrees that turn the frame upright. AR Foundation's camera is that of the upright frame.</summary>
         public int TurnDegrees;
+        /// <summary>People and what else must not be sent; null for none.</summary>
+        public Mask Mask;
     }
 
     [StructLayout(LayoutKind.Sequential)]
@@ -159,6 +187,17 @@ namespace Veiloc
             internal uint Format, Width, Height;
             internal UIntPtr RowStride;
             internal int TurnDegrees;
+            internal IntPtr Mask;
+        }
+
+        [StructLayout(LayoutKind.Sequential)]
+        internal struct NativeMask
+        {
+            internal IntPtr Bytes;
+            internal UIntPtr Length;
+            internal uint Kind, Width, Height;
+            internal UIntPtr RowStride;
+            internal float Margin;
         }
 
         [StructLayout(LayoutKind.Sequential)]
@@ -268,7 +307,7 @@ namespace Veiloc
         {
             internal Frame Frame;
             internal IntPtr Camera = IntPtr.Zero;
-            GCHandle model;
+            GCHandle model, mask;
 
             internal Input(IntPtr pixels, long length, FrameLayout layout, Veiloc.Camera camera)
             {
@@ -277,6 +316,18 @@ namespace Veiloc
                     Bytes = pixels, Length = (UIntPtr)(ulong)length, Format = (uint)layout.Format, Width = layout.Width, Height = layout.Height,
                     RowStride = (UIntPtr)layout.RowStride, TurnDegrees = layout.TurnDegrees,
                 };
+                if (layout.Mask != null)
+                {
+                    var given = layout.Mask;
+                    mask = GCHandle.Alloc(given.Bytes, GCHandleType.Pinned);
+                    var hides = new NativeMask
+                    {
+                        Bytes = mask.AddrOfPinnedObject(), Length = (UIntPtr)(ulong)given.Bytes.Length, Kind = (uint)given.Kind, Width = given.Width,
+                        Height = given.Height, RowStride = (UIntPtr)given.RowStride, Margin = given.Margin,
+                    };
+                    Frame.Mask = Marshal.AllocHGlobal(Marshal.SizeOf(typeof(NativeMask)));
+                    Marshal.StructureToPtr(hides, Frame.Mask, false);
+                }
                 if (camera == null) return;
                 model = GCHandle.Alloc(Utf8(camera.Model), GCHandleType.Pinned);
                 var native = new Camera
@@ -292,7 +343,9 @@ namespace Veiloc
             public void Dispose()
             {
                 Marshal.FreeHGlobal(Camera);
+                Marshal.FreeHGlobal(Frame.Mask);
                 if (model.IsAllocated) model.Free();
+                if (mask.IsAllocated) mask.Free();
             }
         }
     }

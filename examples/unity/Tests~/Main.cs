@@ -58,6 +58,7 @@ static class Program
                 {
                     Border(profile, sealer, pixels, layout, camera);
                     Packs(arguments[1], pixels, layout, camera);
+                    Masks(sealer, arguments[1], layout, camera);
                     Cancelled(sealer, pixels, layout, camera);
                 }
                 count++;
@@ -90,6 +91,18 @@ static class Program
         Bursts(profile, pixels, layout, camera, pose);
         using (var alignment = Alignment.Begin()) Throws(Status.NotAligned, "no answer", () => alignment.WorldFromAnchor(pose));
         profile.Id.ToString();
+    }
+
+    // Nothing under a mask reaches the query (rule L13): a frame with other pixels there gives the query of the reference.
+    static void Masks(Sealer sealer, string folder, FrameLayout layout, Camera camera)
+    {
+        var hidden = File.ReadAllBytes(Path.Combine(folder, "hidden.rgba"));
+        layout.Mask = new Mask { Kind = MaskKind.ArcoreSemantics, Width = 40, Height = 30, RowStride = 48, Bytes = File.ReadAllBytes(Path.Combine(folder, "mask")) };
+        using (var extracted = sealer.Extract(hidden, layout, camera))
+        using (var query = sealer.SealSeeded(extracted, new byte[32]))
+            Expect(query.Bytes().SequenceEqual(File.ReadAllBytes(Path.Combine(folder, "masked"))), "the mask hides");
+        layout.Mask.Margin = -1;
+        Throws(Status.Image, "a margin", () => sealer.Extract(hidden, layout, camera));
     }
 
     // The first frame sealed with the pack: equal to the reference, or refused where the frame does not show the place.

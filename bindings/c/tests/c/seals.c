@@ -86,6 +86,46 @@ static void compare(const VeilocSealer *sealer, const VeilocFrame *frame, const 
   veiloc_query_free(query);
 }
 
+/* Nothing under a mask reaches the query (rule L13): a frame with other pixels there gives the query of the reference. */
+static void masks(const VeilocSealer *sealer, const char *folder, const VeilocFrame *frame, const VeilocCamera *camera) {
+  size_t length, expected_length;
+  uint8_t *labels = read_file(folder, "mask", &length), *expected = read_file(folder, "masked", &expected_length), *other;
+  uint8_t seed[32] = {0};
+  VeilocMask mask = {0};
+  VeilocFrame hidden = *frame;
+  VeilocExtracted *extracted = NULL;
+  VeilocQuery *query = NULL;
+  VeilocBytes bytes;
+  other = read_file(folder, "hidden.rgba", &hidden.length);
+  hidden.bytes = other;
+  hidden.mask = &mask;
+  mask.bytes = labels;
+  mask.length = length;
+  mask.kind = VEILOC_MASK_KIND_ARCORE_SEMANTICS;
+  mask.width = 40;
+  mask.height = 30;
+  mask.row_stride = 48;
+  expect(veiloc_sealer_extract(sealer, &hidden, camera, 0, NULL, NULL, &extracted) == VEILOC_STATUS_OK, "extracts under a mask");
+  expect(veiloc_sealer_seal_seeded(sealer, NULL, extracted, seed, &query) == VEILOC_STATUS_OK, "seals under a mask");
+  expect(veiloc_query_bytes(query, 0, &bytes) == VEILOC_STATUS_OK, "gives bytes");
+  expect(bytes.length == expected_length && !memcmp(bytes.data, expected, expected_length), "nothing under the mask is sent");
+  veiloc_bytes_free(bytes);
+  veiloc_query_free(query);
+  veiloc_extracted_free(extracted);
+  extracted = NULL;
+  mask.kind = 9;
+  expect(veiloc_sealer_extract(sealer, &hidden, camera, 0, NULL, NULL, &extracted) == VEILOC_STATUS_ARGUMENT, "a kind");
+  mask.kind = VEILOC_MASK_KIND_MARKED;
+  mask.length = 100;
+  expect(veiloc_sealer_extract(sealer, &hidden, camera, 0, NULL, NULL, &extracted) == VEILOC_STATUS_IMAGE, "a short mask");
+  mask.length = length;
+  mask.margin = 1;
+  expect(veiloc_sealer_extract(sealer, &hidden, camera, 0, NULL, NULL, &extracted) == VEILOC_STATUS_IMAGE, "all is hidden");
+  free(labels);
+  free(expected);
+  free(other);
+}
+
 static void errors(const VeilocProfile *profile, const VeilocSealer *sealer, const VeilocFrame *frame, const VeilocCamera *camera) {
   VeilocFrame other = *frame;
   VeilocCamera wrong = *camera;
@@ -438,6 +478,7 @@ int main(int argc, char **argv) {
     compare(sealer, &frame, &camera, number, expected, expected_length);
     if (count == 0) {
       errors(profile, sealer, &frame, &camera);
+      masks(sealer, argv[2], &frame, &camera);
       packs(argv[2], &frame, &camera);
       sessions(sealer, &frame, &camera);
       bursts(profile, &frame, &camera);

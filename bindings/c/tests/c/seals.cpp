@@ -33,6 +33,25 @@ static void packs(const std::string &folder, const VeilocFrame &frame, const Vei
     throw std::runtime_error("the first frame differs with the pack");
 }
 
+// Nothing under a mask reaches the query (rule L13).
+static void masks(const veiloc::Sealer &sealer, const std::string &folder, VeilocFrame frame, const VeilocCamera &camera) {
+  const auto labels = read(folder + "/mask"), hidden = read(folder + "/hidden.rgba");
+  VeilocMask mask{};
+  mask.bytes = labels.data();
+  mask.length = labels.size();
+  mask.kind = VEILOC_MASK_KIND_ARCORE_SEMANTICS;
+  mask.width = 40;
+  mask.height = 30;
+  mask.row_stride = 48;
+  frame.bytes = hidden.data();
+  frame.mask = &mask;
+  const auto extracted = veiloc::extract(sealer, frame, &camera);
+  const uint8_t seed[32] = {};
+  VeilocQuery *handle = nullptr;
+  veiloc::check(veiloc_sealer_seal_seeded(sealer.get(), nullptr, extracted.get(), seed, &handle));
+  if (veiloc::bytes(veiloc::Query(handle)) != read(folder + "/masked")) throw std::runtime_error("the mask does not hide");
+}
+
 static int run(const std::string &profile_path, const std::string &folder, int repeat) {
   const auto profile = veiloc::profile(read(profile_path));
   const auto known = read(folder + "/answer");
@@ -56,6 +75,7 @@ static int run(const std::string &profile_path, const std::string &folder, int r
     frame.width = camera.width;
     frame.height = camera.height;
     if (count == 0) packs(folder, frame, camera);
+    if (count == 0) masks(sealer, folder, frame, camera);
     uint8_t seed[32];
     std::fill(std::begin(seed), std::end(seed), uint8_t(std::stoi(number)));
     for (int i = 0; i < (count == 0 ? repeat + 1 : 1); i++) {

@@ -15,6 +15,8 @@ import org.veiloc.Cancellation
 import org.veiloc.Focal
 import org.veiloc.FrameFormat
 import org.veiloc.FrameLayout
+import org.veiloc.Mask
+import org.veiloc.MaskKind
 import org.veiloc.Pack
 import org.veiloc.PackUse
 import org.veiloc.Pose
@@ -70,10 +72,25 @@ fun seals(arguments: List<String>) {
         if (count == 0) {
             border(profile, pixels, layout, camera)
             packs(folder, pixels, layout, camera)
+            masks(sealer, folder, layout, camera)
         }
         count++
     }
     println("$count queries equal, $repeat repeated")
+}
+
+/** Nothing under a mask reaches the query (rule L13): a frame with other pixels there gives the query of the reference. */
+fun masks(sealer: Sealer, folder: File, layout: FrameLayout, camera: Camera) {
+    val mask = Mask(MaskKind.ARCORE_SEMANTICS, 40u, 30u, folder.resolve("mask").readBytes(), 48u)
+    val hidden = direct(folder.resolve("hidden.rgba").readBytes())
+    sealer.sealSeeded(sealer.extract(hidden, layout, camera, mask = mask), ByteArray(32)).use {
+        check(it.bytes().contentEquals(folder.resolve("masked").readBytes())) { "the mask does not hide" }
+    }
+    expect<VeilocException.Image>("a short mask") { sealer.extract(hidden, layout, camera, mask = mask.copy(height = 99u)) }
+    expect<VeilocException.Image>("a margin") { sealer.extract(hidden, layout, camera, mask = mask.copy(margin = -1f)) }
+    // In a burst, too: an equal choice of frames, and no error.
+    val still = CameraPose(Axes.OPEN_GL, Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+    check(Burst().offer(hidden, layout, camera, still, 1.0, mask))
 }
 
 /** The first frame sealed with the pack: equal to the reference, or refused where the frame does not show the place. */

@@ -34,7 +34,7 @@
 use std::collections::VecDeque;
 
 use rand::CryptoRng;
-use veiloc_features::{CameraFrame, Image, PixelFormat};
+use veiloc_features::{CameraFrame, Image, Mask, PixelFormat};
 use veiloc_geometry::{QuarterTurns, Stop};
 use veiloc_obfuscation::{KnownCamera, SealError, SealErrorKind, Sealer, Session};
 use veiloc_protocol::{Answer, RigMessage, SealedQuery};
@@ -189,6 +189,7 @@ struct Kept {
     pixels: Vec<u8>,
     size: (u32, u32),
     turns: QuarterTurns,
+    hidden: Option<Mask>,
     camera: KnownCamera,
     cam_from_ar: CameraFromAr,
 }
@@ -285,8 +286,9 @@ impl Burst {
             self.kept.pop_back();
         }
         let (size, turns, pixels) = (frame.size(), frame.turns(), frame.gray_bytes());
+        let hidden = frame.hidden().cloned();
         let (camera, cam_from_ar) = (*camera, *cam_from_ar);
-        self.kept.push_back(Kept { part, sharpness, pixels, size, turns, camera, cam_from_ar });
+        self.kept.push_back(Kept { part, sharpness, pixels, size, turns, hidden, camera, cam_from_ar });
         Ok(true)
     }
 
@@ -388,7 +390,8 @@ impl Kept {
         stop: &Stop,
         rng: &mut impl CryptoRng,
     ) -> Result<Sealed, SealError> {
-        let frame = CameraFrame::new(PixelFormat::Gray, self.size, &self.pixels, 0)?.turned(self.turns);
+        let frame = CameraFrame::new(PixelFormat::Gray, self.size, &self.pixels, 0)?;
+        let frame = frame.hiding(self.hidden.as_ref())?.turned(self.turns);
         let image = Image::from(&frame).with_stop(stop);
         let brightness = image.gray().mean();
         let orientation = orientation_in_world(&self.cam_from_ar)?;

@@ -51,5 +51,5 @@ pub use burst::{Burst, BurstError, BurstOptions, SealedBurst};
 pub use distances::{DistanceRatio, DistanceVerdict};
 pub use rig::{RigError, orientation_in_world, rig_message, rig_of};
 pub use unit::{UnitError, check_unit, metres_per_unit};
-pub use veiloc_features::{CameraFrame, PixelFormat};
+pub use veiloc_features::{CameraFrame, FrameMask, MaskKind, PixelFormat};
 pub use veiloc_geometry::QuarterTurns;

@@ -104,10 +104,19 @@ pub enum FeatureError {
         mask: Option<PathBuf>,
     },
     /// A mask that hides everything.
-    #[error("{} hides the whole image; black hides, and what may be sent is white", name_of(mask.as_ref()))]
+    #[error(
+        "{} hides the whole image, and nothing may be sent; in a mask file black hides, and what may be sent is white",
+        name_of(mask.as_ref())
+    )]
     HidesAll {
         /// Its file, if any.
         mask: Option<PathBuf>,
+    },
+    /// The margin of a mask is not possible.
+    #[error("the margin of a mask is {margin}; it is a share of the longer side, from 0 to 1")]
+    MaskMargin {
+        /// The margin.
+        margin: f32,
     },
     /// A mask with transparent pixels.
     #[error(

@@ -3,7 +3,7 @@
 use veiloc_geometry::QuarterTurns;
 
 use crate::gray::luma;
-use crate::{FeatureError, GrayImage};
+use crate::{FeatureError, GrayImage, Mask};
 
 /// The bytes of a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -49,6 +49,7 @@ pub struct CameraFrame<'a> {
     bytes: &'a [u8],
     stride: usize,
     turns: QuarterTurns,
+    hidden: Option<&'a Mask>,
 }
 
 // Image content must never reach a log (rule L8).
@@ -84,7 +85,7 @@ impl<'a> CameraFrame<'a> {
         if bytes.len() < expected {
             return Err(FeatureError::Length { width, height, expected, actual: bytes.len() });
         }
-        Ok(Self { format, size, bytes, stride, turns: QuarterTurns::NONE })
+        Ok(Self { format, size, bytes, stride, turns: QuarterTurns::NONE, hidden: None })
     }
 
     /// The frame that [`Self::gray`] turns clockwise, so that it stands upright. Its camera is
@@ -92,6 +93,21 @@ impl<'a> CameraFrame<'a> {
     #[must_use]
     pub const fn turned(self, turns: QuarterTurns) -> Self {
         Self { turns, ..self }
+    }
+
+    /// The frame with a mask of hidden pixels, as [`FrameMask::of_frame`](crate::FrameMask::of_frame) makes it: of the frame before it
+    /// is turned. An [`Image`](crate::Image) of it holds nothing of what is hidden.
+    ///
+    /// # Errors
+    /// [`FeatureError::MaskSize`] for a mask of another size.
+    pub fn hiding(self, mask: Option<&'a Mask>) -> Result<Self, FeatureError> {
+        mask.map_or(Ok(()), |mask| mask.check_size(self.size))?;
+        Ok(Self { hidden: mask, ..self })
+    }
+
+    /// The mask of its hidden pixels, before the turn.
+    pub const fn hidden(&self) -> Option<&'a Mask> {
+        self.hidden
     }
 
     /// Width and height before the turn, pixels.
@@ -128,7 +144,7 @@ impl<'a> CameraFrame<'a> {
     /// Mean square of the Laplacian of the gray bytes, or the green ones: comparable between frames of one view. Blur
     /// lowers it; 0 for a frame of one shade, and for one that is less than three pixels wide or high.
     ///
-    /// Of a frame whose longer side is `n` times 480 pixels, every `n`th pixel of every `n`th row is taken.
+    /// Hidden pixels and their neighbours do not count. Of a frame whose longer side is `n` times 480 pixels, every `n`th pixel of every `n`th row is taken.
     pub fn sharpness(&self) -> f64 {
         let [width, height] = [self.size.0, self.size.1].map(|side| side as usize);
         let step = (width.max(height) / 480).max(1);
@@ -140,6 +156,10 @@ impl<'a> CameraFrame<'a> {
             for x in (1..width.saturating_sub(1)).step_by(step) {
                 let at = |row: usize, x: usize| i32::from(rows[row][x * pixel + green]);
                 let around = at(0, x) + at(1, x - 1) + at(1, x + 1) + at(2, x);
+                // Which frame is sealed must not depend on what is hidden.
+                if self.hidden.is_some_and(|mask| mask.touches(x as f64 + 0.5, y as f64 + 0.5, 1.0)) {
+                    continue;
+                }
                 sum += u64::from((around - 4 * at(1, x)).unsigned_abs().pow(2));
                 count += 1;
             }
@@ -172,6 +192,7 @@ impl<'a> CameraFrame<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Image;
 
     /// Colour bytes `[4, 5, 4]` without a pattern.
     fn rgba() -> Vec<u8> {
@@ -241,6 +262,37 @@ mod tests {
             let at_once = QuarterTurns::from_degrees(90 * turns).expect("quarters");
             assert_eq!(image, original.turned(at_once).gray(), "{turns}");
         }
+    }
+
+    #[test]
+    fn nothing_hidden_reaches_an_image_however_it_is_turned() {
+        let shown: Vec<u8> = (0..64 * 48_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+        let mask = Mask::new(64, 48, |x, y| x < 20 && y > 30 || x == 50).expect("a mask");
+        let other: Vec<u8> = (0..64 * 48_u32)
+            .zip(&shown)
+            .map(|(i, value)| if mask.hides(i % 64, i / 64) { !value } else { *value })
+            .collect();
+        for degrees in [0, 90, 180, 270] {
+            let turns = QuarterTurns::from_degrees(degrees).expect("quarters");
+            let [a, b] = [&shown, &other].map(|bytes| {
+                let frame = CameraFrame::new(PixelFormat::Gray, (64, 48), bytes, 0).expect("a frame");
+                frame.hiding(Some(&mask)).expect("of its size").turned(turns)
+            });
+            assert_eq!(Image::from(&a).gray(), Image::from(&b).gray(), "{degrees}");
+            assert_eq!(a.sharpness(), b.sharpness());
+            // What is not hidden is as it was.
+            let whole =
+                CameraFrame::new(PixelFormat::Gray, (64, 48), &shown, 0).expect("a frame").turned(turns);
+            let (gray, image, turned) = (whole.gray(), Image::from(&a), mask.turned(turns));
+            let width = gray.width() as usize;
+            for (at, (own, kept)) in gray.data().iter().zip(image.gray().data()).enumerate() {
+                let is_hidden = turned.hides((at % width) as u32, (at / width) as u32);
+                assert!(is_hidden || own == kept, "{degrees} {at}");
+            }
+            assert_eq!(turned.share(), mask.share());
+        }
+        let frame = CameraFrame::new(PixelFormat::Gray, (48, 64), &shown, 0).expect("a frame");
+        assert!(matches!(frame.hiding(Some(&mask)), Err(FeatureError::MaskSize { .. })));
     }
 
     #[test]

@@ -103,8 +103,14 @@ impl From<GrayImage> for Image {
     }
 }
 
+/// What the frame hides ([`CameraFrame::hiding`]) is replaced, as [`Image::without`] does.
 impl From<&CameraFrame<'_>> for Image {
     fn from(frame: &CameraFrame<'_>) -> Self {
-        Self { turns: frame.turns(), ..Self::from(frame.gray()).named("the frame") }
+        let hidden = frame.hidden().map(|mask| mask.turned(frame.turns()));
+        let gray = match &hidden {
+            Some(mask) => frame.gray().filled_under(mask),
+            None => frame.gray(),
+        };
+        Self { turns: frame.turns(), hidden, ..Self::from(gray).named("the frame") }
     }
 }

@@ -38,6 +38,7 @@ mod extract;
 mod extractor;
 mod extractors;
 mod frame;
+mod frame_mask;
 mod global;
 mod gray;
 #[cfg(feature = "heic")]
@@ -62,6 +63,7 @@ pub use extract::{ExtractedImage, Limits, extract_image, extract_loaded};
 pub use extractor::{Extractor, FeatureStore, Sift};
 pub use extractors::Extractors;
 pub use frame::{CameraFrame, PixelFormat};
+pub use frame_mask::{FrameMask, MaskKind, MaskKindError};
 pub use global::{GlobalExtractor, SharedGlobal};
 pub use gray::GrayImage;
 pub use input::Image;

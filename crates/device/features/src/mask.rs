@@ -8,6 +8,7 @@
 use std::path::{Path, PathBuf};
 
 use image::DynamicImage;
+use veiloc_geometry::QuarterTurns;
 
 use crate::load::decode;
 use crate::{FeatureError, GrayImage};
@@ -38,14 +39,20 @@ impl Mask {
     /// # Errors
     /// [`FeatureError::Empty`] for a size of 0; [`FeatureError::HidesNothing`] and [`FeatureError::HidesAll`], which
     /// are certainly mistakes: an inverted mask, or that of another image.
-    pub fn new(
-        width: u32,
-        height: u32,
-        mut hides: impl FnMut(u32, u32) -> bool,
-    ) -> Result<Self, FeatureError> {
+    pub fn new(width: u32, height: u32, hides: impl FnMut(u32, u32) -> bool) -> Result<Self, FeatureError> {
         if width == 0 || height == 0 {
             return Err(FeatureError::Empty { width, height });
         }
+        let mask = Self::of(width, height, hides);
+        match mask.share() {
+            0.0 => Err(FeatureError::HidesNothing { mask: None }),
+            1.0 => Err(FeatureError::HidesAll { mask: None }),
+            _ => Ok(mask),
+        }
+    }
+
+    /// The same without checks.
+    fn of(width: u32, height: u32, mut hides: impl FnMut(u32, u32) -> bool) -> Self {
         let (mut spans, mut rows) = (Vec::new(), vec![0]);
         for row in 0..height {
             let mut begun = None;
@@ -62,12 +69,7 @@ impl Mask {
             spans.extend(begun.map(|from| [from, width]));
             rows.push(spans.len());
         }
-        let mask = Self { width, height, spans, rows, file: None };
-        match mask.share() {
-            0.0 => Err(FeatureError::HidesNothing { mask: None }),
-            1.0 => Err(FeatureError::HidesAll { mask: None }),
-            _ => Ok(mask),
-        }
+        Self { width, height, spans, rows, file: None }
     }
 
     /// Columns.
@@ -98,6 +100,19 @@ impl Mask {
     pub fn and(&self, other: &Self) -> Result<Self, FeatureError> {
         self.check_size((other.width, other.height))?;
         Self::new(self.width, self.height, |x, y| self.hides(x, y) || other.hides(x, y))
+    }
+
+    /// The mask of a frame that is turned ([`CameraFrame::turned`](crate::CameraFrame::turned)).
+    #[must_use]
+    pub(crate) fn turned(&self, turns: QuarterTurns) -> Self {
+        let (width, height) = turns.size_of((self.width, self.height));
+        let hides = |x: u32, y: u32| match turns.count() {
+            0 => self.hides(x, y),
+            1 => self.hides(y, self.height - 1 - x),
+            2 => self.hides(self.width - 1 - x, self.height - 1 - y),
+            _ => self.hides(self.width - 1 - y, x),
+        };
+        Self::of(width, height, hides)
     }
 
     /// Whether anything hidden lies within `radius` pixels of a position (COLMAP's pixels).
@@ -164,12 +179,17 @@ impl GrayImage {
     /// [`FeatureError::MaskSize`] for a mask of another size.
     pub fn without(&self, mask: &Mask) -> Result<Self, FeatureError> {
         mask.check_size((self.width(), self.height()))?;
+        Ok(self.filled_under(mask))
+    }
+
+    /// The same for a mask of the image's size.
+    pub(crate) fn filled_under(&self, mask: &Mask) -> Self {
         let samples = self.data().iter().enumerate().map(|(at, &sample)| {
             let (column, row) = (at as u32 % self.width(), at as u32 / self.width());
             (!mask.hides(column, row)).then_some(sample)
         });
         let finest = Level { width: self.width(), height: self.height(), samples: samples.collect() };
-        Self::new(self.width(), self.height(), finest.filled())
+        Self::from_samples(self.width(), self.height(), finest.filled())
     }
 }
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use rayon::prelude::*;
-use veiloc_features::{Extractor, FeatureError, Image, Limits, SharedGlobal, extract_loaded};
+use veiloc_features::{Extractor, FeatureError, Image, Limits, SharedGlobal, extract_loaded, load_mask};
 use veiloc_geometry::Intrinsics;
 use veiloc_map::PosedImage;
 use veiloc_protocol::ExtractionLimits;
@@ -11,7 +11,7 @@ use veiloc_protocol::ExtractionLimits;
 use crate::error::MappingError;
 use crate::input::bad_image::{BadImage, BadReason};
 use crate::input::cache::{BuildCache, ExtractedFeatures, FeatureRequest};
-use crate::input::image_names::image_file;
+use crate::input::image_names::{image_file, mask_file};
 use crate::input::{CheckedImages, split_usable};
 use crate::progress::Progress;
 
@@ -50,7 +50,7 @@ pub(crate) fn extract_each<'a, T: Send>(
     progress: &dyn Progress,
     then: impl Fn(&PosedImage, ExtractedFeatures) -> T + Sync,
 ) -> Result<ExtractionResult<'a, T>, MappingError> {
-    let CheckedImages { images, mut skipped, folder, on_bad, cache } = input;
+    let CheckedImages { images, mut skipped, folder, masks, on_bad, cache } = input;
     let names: Vec<&str> = images.iter().map(|image| image.name.as_str()).collect();
     let stored = extractor_pair.extractor.stored().and_then(|stored| stored.of_images(folder, &names));
     let extractor_pair =
@@ -59,8 +59,9 @@ pub(crate) fn extract_each<'a, T: Send>(
     let all: Vec<Result<(&PosedImage, T), BadImage>> = images
         .into_par_iter()
         .map(|image| {
-            let extracted =
-                extract(&image_file(folder, &image.name), &image.camera, extractor_pair, limits, cache);
+            let mask = masks.map(|masks| mask_file(masks, &image.name)).filter(|mask| mask.exists());
+            let path = image_file(folder, &image.name);
+            let extracted = extract(&path, mask.as_deref(), &image.camera, extractor_pair, limits, cache);
             progress.advance(1);
             let extracted =
                 extracted.map_err(|e| BadImage { name: image.name.clone(), reason: BadReason::Image(e) })?;
@@ -75,6 +76,7 @@ pub(crate) fn extract_each<'a, T: Send>(
 
 fn extract(
     path: &Path,
+    mask: Option<&Path>,
     camera: &Intrinsics,
     extractor_pair: ExtractorPair<'_>,
     limits: ExtractionLimits,
@@ -83,6 +85,7 @@ fn extract(
     let size = (camera.width, camera.height);
     let request = FeatureRequest {
         path,
+        mask,
         size,
         limits,
         kind: extractor_pair.extractor.kind(),
@@ -94,7 +97,12 @@ fn extract(
         return Ok(found);
     }
     let limits = Limits { max_keypoints: limits.max_keypoints as usize, max_side: limits.max_image_side };
-    let image = Image::open(path)?;
+    let mut image = Image::open(path)?;
+    match mask.map(load_mask) {
+        // Of an image without people.
+        None | Some(Err(FeatureError::HidesNothing { .. })) => {}
+        Some(mask) => image = image.without(&mask?)?,
+    }
     let global = extractor_pair.global.map(|own| own.describe(&image)).transpose()?;
     let features = extract_loaded(image, Some(size), extractor_pair.extractor, limits)?.features_in_file();
     let keypoints: Vec<[f32; 2]> =

@@ -36,6 +36,9 @@ impl FeatureFolder {
         let mut key = self.base.clone();
         key.debug(&(request.size, request.limits, request.kind, request.global));
         key.bytes(&fs::read(request.path).ok()?);
+        if let Some(mask) = request.mask {
+            key.bytes(&fs::read(mask).ok()?);
+        }
         Some(self.folder.join(format!("{}.bin", &key.hex()[..32])))
     }
 
@@ -102,7 +105,7 @@ mod tests {
 
     fn request(path: &Path, global: bool) -> FeatureRequest<'_> {
         let limits = veiloc_protocol::ExtractionLimits::default();
-        FeatureRequest { path, size: (4, 3), limits, kind: DescriptorKind::ROOT_SIFT, global }
+        FeatureRequest { path, mask: None, size: (4, 3), limits, kind: DescriptorKind::ROOT_SIFT, global }
     }
 
     fn some(global: Option<Vec<i8>>) -> ExtractedFeatures {

@@ -22,6 +22,8 @@ pub struct ExtractedFeatures {
 pub struct FeatureRequest<'a> {
     /// The image's file.
     pub path: &'a Path,
+    /// The file of its mask, if there is one.
+    pub mask: Option<&'a Path>,
     /// Width and height of its camera; an image of another size is refused.
     pub size: (u32, u32),
     /// Limits on keypoints and image size.

@@ -22,6 +22,7 @@ use crate::input::image_names::{NameIndex, image_file};
 pub struct Input<'a> {
     posed: &'a PosedImages,
     folder: &'a Path,
+    masks: Option<&'a Path>,
     names: Option<&'a [String]>,
     on_bad: OnBadImage,
     extractors: Option<&'a Extractors>,
@@ -61,6 +62,7 @@ impl<'a> Input<'a> {
         Self {
             posed,
             folder,
+            masks: None,
             names: None,
             on_bad: OnBadImage::Refuse,
             extractors: None,
@@ -77,6 +79,13 @@ impl<'a> Input<'a> {
     #[must_use]
     pub const fn with_names(self, names: &'a [String]) -> Self {
         Self { names: Some(names), ..self }
+    }
+
+    /// Sets the folder of masks ([`mask_file`](crate::mask_file)): of what is black no feature is extracted. An image without a mask,
+    /// and one whose mask hides nothing, is used as a whole.
+    #[must_use]
+    pub const fn with_masks(self, folder: &'a Path) -> Self {
+        Self { masks: Some(folder), ..self }
     }
 
     /// Sets the treatment of unusable images.
@@ -176,7 +185,8 @@ impl<'a> Input<'a> {
             usable.map_err(|reason| BadImage { name: name.to_owned(), reason })
         });
         let (images, skipped) = split_usable(results.collect(), self.on_bad)?;
-        Ok(CheckedImages { images, skipped, folder: self.folder, on_bad: self.on_bad, cache: self.cache })
+        let Self { folder, masks, on_bad, cache, .. } = *self;
+        Ok(CheckedImages { images, skipped, folder, masks, on_bad, cache })
     }
 
     fn usable(
@@ -211,6 +221,8 @@ pub(crate) struct CheckedImages<'a> {
     /// The images that were left out.
     pub(crate) skipped: Vec<BadImage>,
     pub(crate) folder: &'a Path,
+    /// The folder of their masks.
+    pub(crate) masks: Option<&'a Path>,
     pub(crate) on_bad: OnBadImage,
     /// The cache of their features.
     pub(crate) cache: Option<&'a dyn BuildCache>,
