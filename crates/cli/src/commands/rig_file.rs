@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use veiloc_geometry::CameraFromRig;
 use veiloc_map::text::without_mark;
-use veiloc_protocol::{RigMessage, SealedFrame, SealedQuery};
+use veiloc_protocol::{RigMessage, SealedFrame, SealedIn, SealedQuery, SessionTag};
 
 use crate::output::exit::Failure;
 use crate::output::files;
@@ -30,6 +30,9 @@ struct FrameEntry {
     rotation_sd_deg: f64,
     /// Along each axis, map units.
     translation_sd: f64,
+    /// The session in which it was sealed, where that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    session: Option<String>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -67,13 +70,17 @@ pub(super) fn read(path: &Path) -> Result<Vec<NamedFrame>, Failure> {
     file.frames.into_iter().enumerate().map(|(k, entry)| entry.read(path, folder, k)).collect()
 }
 
+/// A query of a rig file, the pose of its camera, which is fixed to the rig, and the session in which it was sealed.
+pub(super) type FixedFrame = (String, CameraFromRig, Option<SessionTag>);
+
 /// A rig file of cameras that are fixed to the rig.
-pub(super) fn fixed(frames: &[(String, CameraFromRig)]) -> Result<Vec<u8>, Failure> {
-    let entry = |(query, pose): &(String, CameraFromRig)| FrameEntry {
+pub(super) fn fixed(frames: &[FixedFrame]) -> Result<Vec<u8>, Failure> {
+    let entry = |(query, pose, session): &FixedFrame| FrameEntry {
         query: query.into(),
         cam_from_rig: PoseEntry { q: pose.quaternion(), t: (*pose.translation()).into() },
         rotation_sd_deg: 0.0,
         translation_sd: 0.0,
+        session: session.map(|session| session.to_string()),
     };
     let file = RigFile { frames: frames.iter().map(entry).collect() };
     serde_json::to_vec_pretty(&file).map_err(Failure::refused)
@@ -106,6 +113,16 @@ impl FrameEntry {
         let query = SealedQuery::decode(&bytes).map_err(|e| {
             refused(e.to_string(), "seal the image again with `veiloc seal`, and use the file unchanged")
         })?;
+        let query = match self.session.map(|session| session.parse::<SessionTag>()) {
+            None => query,
+            Some(Ok(session)) => query.with_sealed_in(SealedIn::Session(session)),
+            Some(Err(e)) => {
+                return Err(refused(
+                    e.to_string(),
+                    "copy `session` as `veiloc seal` printed it, or leave it out",
+                ));
+            }
+        };
         let sealed = SealedFrame {
             query,
             cam_from_rig,

@@ -2,20 +2,21 @@
 
 pub(crate) mod batch;
 mod panorama;
+mod rig;
 
 use std::path::{Path, PathBuf};
 
-use veiloc_client::{ClientError, Mask, Orientation, SealError, SessionFile};
+use veiloc_client::{ClientError, Mask, Orientation, SealError};
 use veiloc_features::{FeatureError, Image};
 use veiloc_geometry::Intrinsics;
 use veiloc_obfuscation::{Extracted, KnownCamera, Sealer, device_rng};
-use veiloc_protocol::{CoarseGravity, FocalKnowledge, Profile, ProfileId, SealedQuery};
+use veiloc_protocol::{CoarseGravity, FocalKnowledge, Profile, ProfileId, SealedIn, SealedQuery, SessionTag};
 
 use crate::args::camera::{CameraArg, CameraSource};
 use crate::args::extraction_error::extraction_error;
 use crate::commands::device_args::DeviceArgs;
 use crate::commands::mask_args::MaskArgs;
-use crate::commands::session_args::{self, SessionArgs};
+use crate::commands::session_args::{self, OpenSession, SessionArgs};
 use crate::output::exit::{Failure, Outcome};
 use crate::output::files;
 use crate::output::items::{InputError, InputErrorKind, SkipArgs};
@@ -62,6 +63,16 @@ pub(crate) struct Args {
     /// pinhole images, which see all directions but the bottom, and a rig.json for `veiloc localize --rig` and `veiloc query --rig`.
     #[arg(long, conflicts_with_all = ["session", "camera", "list", "gravity"])]
     panorama: bool,
+    /// The images are of one moment, one of each camera of a device, in the order of this file: the calibration of the
+    /// cameras, as Kalibr (camchain.yaml) or COLMAP (rig_config.json, or the folder of a model with rigs) writes it. They are
+    /// sealed in one session, and the output is a folder with a query for each camera and a rig.json for `veiloc query send
+    /// --rig` and `veiloc localize --rig`. For several moments, give --session and with --orientation the rotation from the
+    /// world to the rig: the first camera of Kalibr, the reference camera of COLMAP.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["panorama", "camera", "list", "gravity", "mask"])]
+    rig_cameras: Option<PathBuf>,
+    /// Metres of a unit of the map, for calibrations in metres: rig.json is in units of the map.
+    #[arg(long, value_name = "METRES", default_value = "1", value_parser = rig::metres, requires = "rig_cameras")]
+    metres_per_unit: f64,
     #[command(flatten)]
     mask: MaskArgs,
     /// Folder of masks, one per image: `door/3.jpg.png` for `door/3.jpg`, as in COLMAP. An image without a mask is not
@@ -95,13 +106,16 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
     };
     let sealer = args.device.sealer(&profile, no_pack, ui)?;
     let hiding = args.mask.open()?;
-    let mut session = args.session.open()?;
-    batch::run(args, &sealer, &hiding, session.as_mut(), ui)
+    let session = args.session.open()?;
+    batch::run(args, &sealer, &hiding, session, ui)
 }
 
 /// The remedy for another profile or pack than the given one.
 pub(crate) const OTHER_ID: &str = "compare it with the id that the operator publishes now; one that only this \
                                         device gets identifies it";
+
+/// Name of the file that joins the queries of a rig.
+const RIG: &str = "rig.json";
 
 /// The remedy for an image whose EXIF data does not give the focal length.
 pub(crate) const GIVE_CAMERA: &str =
@@ -119,6 +133,8 @@ pub(crate) struct Sealed {
     found: usize,
     /// Rows sent.
     sent: usize,
+    /// The session in which it was sealed.
+    session: Option<SessionTag>,
 }
 
 /// Orientation and gravity of the camera when it took an image.
@@ -159,10 +175,10 @@ fn extract_image(
 pub(crate) fn seal(
     sealer: &Sealer,
     extracted: Extracted,
-    session: Option<&mut SessionFile>,
+    session: Option<&mut OpenSession>,
 ) -> Result<SealedQuery, ClientError> {
     match session {
-        Some(file) => file.seal(sealer, extracted),
+        Some(session) => session.seal(sealer, extracted),
         None => Ok(sealer.seal(extracted, &mut device_rng()?)?),
     }
 }
@@ -175,7 +191,7 @@ pub(crate) fn seal_one(
     sealer: &Sealer,
     mask: Option<&Mask>,
     attitude: Attitude,
-    session: Option<&mut SessionFile>,
+    session: Option<&mut OpenSession>,
 ) -> Result<Result<Sealed, InputError>, Failure> {
     let known = match camera.of(path) {
         Ok(known) => known,
@@ -195,7 +211,11 @@ pub(crate) fn seal_one(
     match seal(sealer, extracted, session) {
         Ok(query) => {
             let (bytes, sent) = (query.encode(), query.len());
-            Ok(Ok(Sealed { focal: known.focal, camera: known.intrinsics, bytes, found, sent }))
+            let session = match query.sealed_in() {
+                SealedIn::Session(session) => Some(session),
+                SealedIn::Alone | SealedIn::Unknown => None,
+            };
+            Ok(Ok(Sealed { focal: known.focal, camera: known.intrinsics, bytes, found, sent, session }))
         }
         Err(ClientError::Seal(error)) => Ok(Err(InputError::new(InputErrorKind::Unfit, error))),
         Err(error) => Err(session_args::failure(&error)),

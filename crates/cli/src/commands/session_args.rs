@@ -3,7 +3,10 @@
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use veiloc_client::{ClientError, Orientation, SessionAnchors, SessionFile, SessionOptions};
+use veiloc_client::{
+    ClientError, Extracted, Orientation, SealedQuery, Sealer, Session, SessionAnchors, SessionFile,
+    SessionOptions, device_rng,
+};
 use veiloc_geometry::nalgebra::{Matrix3, Rotation3};
 use veiloc_protocol::CoarseGravity;
 
@@ -58,12 +61,40 @@ impl FromStr for OrientationArg {
     }
 }
 
+/// A session, in its file or of this call alone.
+pub(crate) enum OpenSession {
+    File(SessionFile),
+    OfCall(Session),
+}
+
+impl OpenSession {
+    /// Begins a session of this call.
+    pub(crate) fn of_call() -> Result<Self, Failure> {
+        let mut rng = device_rng().map_err(Failure::refused)?;
+        Ok(Self::OfCall(Session::new(SessionOptions::default(), &mut rng)))
+    }
+
+    /// Seals the next image.
+    pub(crate) fn seal(&mut self, sealer: &Sealer, extracted: Extracted) -> Result<SealedQuery, ClientError> {
+        match self {
+            Self::File(file) => file.seal(sealer, extracted),
+            Self::OfCall(session) => Ok(sealer.in_session(session).seal(extracted, &mut device_rng()?)?),
+        }
+    }
+}
+
 impl SessionArgs {
     /// Opens the session file; `None` if there is no session.
-    pub(crate) fn open(&self) -> Result<Option<SessionFile>, Failure> {
+    pub(crate) fn open(&self) -> Result<Option<OpenSession>, Failure> {
         let Some(path) = &self.session else { return Ok(None) };
         let options = self.anchors.map(|anchors| SessionOptions::default().with_anchors(anchors));
-        SessionFile::open(path, options).map(Some).map_err(|error| failure(&error))
+        let file = SessionFile::open(path, options).map_err(|error| failure(&error))?;
+        Ok(Some(OpenSession::File(file)))
+    }
+
+    /// Returns whether a session is given.
+    pub(crate) const fn has_session(&self) -> bool {
+        self.session.is_some()
     }
 
     /// Returns the orientation of the camera, with the measured gravity.

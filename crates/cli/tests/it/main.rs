@@ -34,6 +34,7 @@ mod pose_files;
 mod regions;
 mod report;
 mod rig;
+mod rig_cameras;
 mod service;
 mod sessions;
 mod settings;

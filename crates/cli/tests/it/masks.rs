@@ -214,3 +214,48 @@ fn mask_formats_are_equivalent() {
         assert!((share - expected as f64 / 120_000.0).abs() < 1e-12, "{form}: {share}");
     }
 }
+
+/// Two folders of map images that differ only under their masks give one map, byte for byte; also after a build without masks in the
+/// same work folder.
+#[test]
+fn nothing_under_a_mask_gets_into_a_map() {
+    let scene = scene();
+    let names: Vec<String> =
+        String::from_utf8(scene.read("map.txt")).expect("text").lines().map(str::to_owned).collect();
+    for name in &names {
+        let mut image = image::open(scene.path(format!("images/{name}"))).expect("an image").to_rgb8();
+        for (x, y, pixel) in image.enumerate_pixels_mut().filter(|(x, y, _)| person(*x, *y)) {
+            *pixel = image::Rgb([(x * 37) as u8, (y * 91) as u8, (x * y) as u8]);
+        }
+        save(scene, &format!("visited/{name}"), image);
+        // One image has no mask, and shows nobody.
+        if *name == names[0] {
+            std::fs::copy(scene.path(format!("images/{name}")), scene.path(format!("visited/{name}")))
+                .expect("copied");
+        } else {
+            save(scene, &format!("people/{name}.png"), white_except(person));
+            save(scene, &format!("inverted/{name}.png"), white_except(|x, y| !person(x, y)));
+        }
+    }
+    let build = |images: &str, more: &str| {
+        scene.run(&format!(
+            "map build --posed posed --images {images} --list map.txt --max-keypoints 512 --no-self-test --work masked.work -o \
+             {images}.vmap {more}"
+        ))
+    };
+    build("visited", "").succeeded();
+    let whole = scene.read("visited.vmap");
+    let (of_images, of_visited) =
+        (build("images", "--masks people").succeeded(), build("visited", "--masks people").succeeded());
+    assert!(of_images.stderr.contains(&format!("{} of {} images have a mask", names.len() - 1, names.len())));
+    assert!(!of_visited.stderr.contains("invert"), "{of_visited}");
+    assert!(scene.read("images.vmap") == scene.read("visited.vmap"), "the maps differ by what is hidden");
+    assert!(whole != scene.read("visited.vmap"), "the masks hide something");
+    let inverted = build("images", "--masks inverted --keep-broken");
+    assert!(inverted.stderr.contains("the masks hide 90 % of an image in the median"), "{inverted}");
+    refused(
+        scene,
+        "map build --posed posed --images images --list map.txt -o none.vmap --masks posed",
+        &["no image has a mask there", &format!("{}.png", names[0])],
+    );
+}

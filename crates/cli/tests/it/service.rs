@@ -229,10 +229,20 @@ fn progressive_query_stops_at_trusted_pose() {
 fn a_session_gets_one_pose() {
     let scene = scene();
     scene.write("session/none", "");
+    // The third has turned so far that two halves coincide for it.
+    let striped = "dcl:axis=115:sectors=20:anchors=0.23/-0.33+-0.88/-0.47";
+    let seal = |image: &str, words: &str, out: &str| {
+        let seal =
+            format!("seal images/{image} --camera {CAMERA} --profile place.vprofile --scheme {striped}");
+        scene.run(&format!("{seal} {words} -o {out}")).succeeded();
+    };
     let first = scene.pose_of("query-0.png");
     let frame = |k: usize| {
         let image = format!("query-{k}.png");
-        scene.seal(&image, "dcl", &format!("session/{k}.vquery"));
+        let [w, x, y, z] = scene.pose_of(&image).quaternion();
+        let words = format!("--session session/sent.session --orientation={w},{x},{y},{z}");
+        seal(&image, &words, &format!("session/{k}.vquery"));
+        seal(&image, "", &format!("session/alone-{k}.vquery"));
         let relative = scene.pose_of(&image).compose(&first.inverse());
         let t = relative.translation();
         let q = CameraFromWorld::new(*relative.rotation(), *t).quaternion();
@@ -255,6 +265,22 @@ fn a_session_gets_one_pose() {
     let text = scene.run(&command).succeeded();
     assert!(text.stdout.starts_with("trusted  at (") && text.stderr.contains("sealed queries"), "{text}");
     assert!(!service.log().contains("/profile"), "nothing was sealed: {}", service.log());
+    // Frames that were sealed alone are not sent, unless they say that they are of one session.
+    let sent = fs::read_to_string(scene.path("session/sent.json")).expect("written");
+    let alone = sent.replace("\"0.vquery", "\"alone-0.vquery").replace("\"1.vquery", "\"alone-1.vquery");
+    scene.write("session/alone.json", &alone);
+    let requests = service.log().lines().count();
+    let run = scene.run(&command.replace("sent.json", "alone.json"));
+    assert!(run.code == Some(1) && run.stderr.contains("frames 0 and 1 of the rig"), "{run}");
+    assert!(run.stderr.contains("--session FILE") && run.stderr.contains("--rig-cameras"), "{run}");
+    assert_eq!(service.log().lines().count(), requests, "nothing was sent");
+    scene.run("localize --map place.vmap --rig session/alone.json").succeeded();
+    let named = alone.replace("\"query\"", "\"session\": \"0123456789abcdef\", \"query\"");
+    scene.write("session/alone.json", named);
+    scene.run(&command.replace("sent.json", "alone.json")).succeeded();
+    scene.write("session/alone.json", alone.replace("\"query\"", "\"session\": \"mine\", \"query\""));
+    let run = scene.run(&command.replace("sent.json", "alone.json"));
+    assert!(run.code == Some(1) && run.stderr.contains("16 hexadecimal digits"), "{run}");
     // Options of sealing are refused.
     for (more, word) in
         [("--scheme points", "--scheme"), ("images/query-0.png", "IMAGE"), ("--progressive", "--progressive")]

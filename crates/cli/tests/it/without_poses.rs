@@ -132,6 +132,10 @@ fn missing_and_failing_programs_are_named() {
     let run = build(scene, "--python ./empty --work empty-work -o none.vmap");
     assert!(run.code == Some(1) && run.stderr.contains("no model could be computed from 13 images"), "{run}");
     let run = scene.run("map build --images images --posed posed --python ./empty -o none.vmap");
-    assert_eq!(run.code, Some(2), "poses and structure from motion: {run}");
+    assert!(run.code == Some(1) && run.stderr.contains("--python is for images without poses"), "{run}");
+    for option in ["--topic /camera", "--odometry /odom"] {
+        let run = scene.run(&format!("map build --images images --posed posed {option} -o none.vmap"));
+        assert!(run.code == Some(1) && run.stderr.contains("is for a bag of ROS"), "{run}");
+    }
     assert!(!scene.path("none.vmap").exists());
 }

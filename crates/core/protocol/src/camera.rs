@@ -65,15 +65,28 @@ impl CanonicalCamera {
         Ok(Self { focal_step, width_blocks: width as u16, height_blocks: height as u16 })
     }
 
-    /// The part of this camera's image in which keypoints of a device may be, for the device it was made for.
+    /// Whether images of a device whose own camera this is may be sent in the image of `other`: cameras of one model, of which
+    /// one is a step of the list beside the other.
+    pub fn is_near(self, other: Self) -> bool {
+        const MOST: f64 = 1.25;
+        let view =
+            |camera: Self| [camera.width(), camera.height()].map(|side| f64::from(side) / camera.focal());
+        let ratios = [0, 1].map(|i| view(self)[i] / view(other)[i]);
+        self.focal_step.abs_diff(other.focal_step) <= 1
+            && ratios.iter().all(|r| (1.0 / MOST..=MOST).contains(r))
+    }
+
+    /// The part of this camera's image in which keypoints of a device may be. The device is one that it was made for, or
+    /// one like it ([`Self::is_near`]), whose window may be cut.
     ///
     /// # Errors
     /// As [`Self::for_intrinsics`].
     pub fn window(self, device: &Intrinsics) -> Result<Window, QueryError> {
         let frame = Frame::of(device)?;
         let of = |[low, high]: [f64; 2], size: u32| {
-            let middle = f64::from(size) / 2.0;
-            [middle + low * self.focal() - TOLERANCE, middle + high * self.focal() + TOLERANCE]
+            let (size, middle) = (f64::from(size), f64::from(size) / 2.0);
+            let [low, high] = [low, high].map(|end| middle + end * self.focal());
+            [low.max(0.0) - TOLERANCE, high.min(size) + TOLERANCE]
         };
         Ok(Window { u: of(frame.x, self.width()), v: of(frame.y, self.height()) })
     }

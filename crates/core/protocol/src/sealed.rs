@@ -5,7 +5,7 @@ use veiloc_geometry::Pinhole;
 
 use crate::{
     AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, LayoutTurn, Observations, PackId,
-    Profile, ProfileId, QueryError, RowMatches, Rows, Scheme, SizeClass,
+    Profile, ProfileId, QueryError, RowMatches, Rows, Scheme, SealedIn, SizeClass,
 };
 
 /// What a device sends to be localized.
@@ -16,8 +16,9 @@ use crate::{
 /// direction. It has no field for a keypoint, a scale, an orientation, a strength, a time or a device.
 ///
 /// `veiloc-obfuscation` builds it on the device, [`Self::decode`] on the server. A decoded query encodes to the same
-/// bytes again: the encoding is canonical, so that nothing can be hidden in it.
-#[derive(Clone, PartialEq)]
+/// bytes again: the encoding is canonical, so that nothing can be hidden in it. Two queries are equal if they have equal
+/// bytes.
+#[derive(Clone)]
 pub struct SealedQuery {
     pub(crate) scheme: Scheme,
     pub(crate) angle_bits: AngleBits,
@@ -27,6 +28,8 @@ pub struct SealedQuery {
     pub(crate) profile_id: ProfileId,
     pub(crate) hints: Hints,
     pub(crate) turn: LayoutTurn,
+    /// Not sent, and unknown where the query was read.
+    pub(crate) sealed_in: SealedIn,
 }
 
 /// What the rows of a query show.
@@ -121,7 +124,18 @@ impl SealedQuery {
                     return Err(mismatch("candidates", rows.len().to_string(), candidates.to_string()));
                 }
                 let content = QueryContent::Matched { kind: profile.descriptor_kind(), pack, matches };
-                return Ok(Self { scheme, angle_bits, camera, rows, content, profile_id, hints, turn });
+                let sealed_in = SealedIn::Unknown;
+                return Ok(Self {
+                    scheme,
+                    angle_bits,
+                    camera,
+                    rows,
+                    content,
+                    profile_id,
+                    hints,
+                    turn,
+                    sealed_in,
+                });
             }
         };
         let (expected, actual) = (profile.descriptor_kind(), descriptors.kind());
@@ -147,7 +161,8 @@ impl SealedQuery {
             }
         };
         let content = QueryContent::Described { descriptors, global };
-        Ok(Self { scheme, angle_bits, camera, rows, content, profile_id, hints, turn })
+        let sealed_in = SealedIn::Unknown;
+        Ok(Self { scheme, angle_bits, camera, rows, content, profile_id, hints, turn, sealed_in })
     }
 
     /// How positions were obfuscated.
@@ -208,6 +223,17 @@ impl SealedQuery {
         self.turn
     }
 
+    /// With which other queries it was sealed, as far as this device knows; it is not sent.
+    pub const fn sealed_in(&self) -> SealedIn {
+        self.sealed_in
+    }
+
+    /// As [`Self::sealed_in`] says.
+    #[must_use]
+    pub fn with_sealed_in(self, sealed_in: SealedIn) -> Self {
+        Self { sealed_in, ..self }
+    }
+
     /// The kind of the descriptors, of the query or of its pack.
     pub const fn descriptor_kind(&self) -> DescriptorKind {
         match &self.content {
@@ -235,6 +261,15 @@ impl SealedQuery {
         self.rows
             .observations(self.scheme, self.angle_bits, &self.camera.pinhole(), self.turn)
             .expect("the constructors reject rows of another scheme")
+    }
+}
+
+impl PartialEq for SealedQuery {
+    fn eq(&self, other: &Self) -> bool {
+        let Self { scheme, angle_bits, camera, rows, content, profile_id, hints, turn, sealed_in: _ } = self;
+        (scheme, angle_bits, camera, rows) == (&other.scheme, &other.angle_bits, &other.camera, &other.rows)
+            && (content, profile_id) == (&other.content, &other.profile_id)
+            && (hints, turn) == (&other.hints, &other.turn)
     }
 }
 

@@ -6,7 +6,7 @@ use veiloc_descriptor::{DescriptorKind, Descriptors, GlobalDescriptor, GlobalMod
 use crate::wire::{Format, KindFields, SealedQueryMessage, present, refused};
 use crate::{
     AngleBits, CanonicalCamera, CoarseGravity, FocalKnowledge, Hints, LayoutTurn, MessageId, PackId,
-    QueryContent, QueryError, RowMatches, Rows, Scheme, SealedQuery, SizeClass,
+    QueryContent, QueryError, RowMatches, Rows, Scheme, SealedIn, SealedQuery, SizeClass,
 };
 
 const FORMAT: Format = Format {
@@ -129,7 +129,8 @@ fn read(message: SealedQueryMessage) -> Result<SealedQuery, QueryError> {
         let descriptors = present("descriptors", message.descriptors)?;
         described(kind, count, &descriptors, &present("global", message.global)?)?
     };
-    Ok(SealedQuery { scheme, angle_bits, camera, rows, content, profile_id, hints, turn })
+    let sealed_in = SealedIn::Unknown;
+    Ok(SealedQuery { scheme, angle_bits, camera, rows, content, profile_id, hints, turn, sealed_in })
 }
 
 fn matched(

@@ -3,7 +3,7 @@
 use veiloc_geometry::CameraFromRig;
 use veiloc_geometry::nalgebra::Vector3;
 use veiloc_obfuscation::{Orientation, SealError};
-use veiloc_protocol::{RigMessage, SealedFrame, SealedQuery};
+use veiloc_protocol::{RigMessage, SealedFrame, SealedQuery, SeparateAnchors};
 
 use crate::CameraFromAr;
 use crate::unit::check_unit;
@@ -29,6 +29,9 @@ pub enum RigError {
     /// A number is not possible.
     #[error("metres_per_unit must be above 0, and deviations 0 or more")]
     Number,
+    /// Two were not sealed in one session: their lines would give keypoints away (rule L10).
+    #[error(transparent)]
+    SeparateAnchors(#[from] SeparateAnchors),
 }
 
 /// The message of several queries with the poses of their cameras: relative to the first, so that nothing of the AR world
@@ -56,7 +59,9 @@ pub fn rig_message(
         let [rotation_sd_deg, translation_sd] = if index == 0 { [0.0; 2] } else { sds };
         SealedFrame { query, cam_from_rig, rotation_sd_deg, translation_sd }
     });
-    Ok(RigMessage { frames: frames.collect() })
+    let message = RigMessage { frames: frames.collect() };
+    message.check_anchors()?;
+    Ok(message)
 }
 
 /// Whether these are possible for [`rig_message`].

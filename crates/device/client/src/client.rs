@@ -127,8 +127,9 @@ impl Client {
     /// Frames that cannot determine a pose alone are allowed beside one that can.
     ///
     /// # Errors
-    /// [`ClientError::Frames`] for no frame or too many, [`ClientError::UnbalancedAnchors`] when no query could
-    /// determine a pose alone; otherwise as [`Self::localize`].
+    /// [`ClientError::Frames`] for no frame or too many, [`ClientError::SeparateAnchors`] for frames that were not sealed in
+    /// one session, [`ClientError::UnbalancedAnchors`] when no query could determine a pose alone; otherwise as
+    /// [`Self::localize`].
     pub fn localize_rig(
         &self,
         map: &str,
@@ -139,6 +140,7 @@ impl Client {
         if !(1..=RigMessage::MAX_FRAMES).contains(&rig.frames.len()) {
             return Err(ClientError::Frames { frames: rig.frames.len() });
         }
+        rig.check_anchors()?;
         let sides: Vec<_> = rig.frames.iter().map(|frame| frame.query.check_sides()).collect();
         if let (Some(Err(unbalanced)), false) = (sides.first(), sides.iter().any(Result::is_ok)) {
             return Err((*unbalanced).into());

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use veiloc_obfuscation::SealError;
-use veiloc_protocol::{MessageId, QueryError, RigMessage, UnbalancedAnchors};
+use veiloc_protocol::{MessageId, QueryError, RigMessage, SeparateAnchors, UnbalancedAnchors};
 
 use crate::Refusal;
 
@@ -50,6 +50,10 @@ pub enum ClientError {
         /// Number of images.
         frames: usize,
     },
+    /// Frames of a rig that were not sealed in one session: their lines would give keypoints away (rule L10). Nothing was
+    /// sent. Seal all images of a rig in one [`Session`](crate::Session).
+    #[error(transparent)]
+    SeparateAnchors(#[from] SeparateAnchors),
     /// A progressive query that was not sealed with the given profile. Nothing was sent.
     #[error("{0}; fetch this map's profile, and seal with it another image, taken at least one step away")]
     ProfileMismatch(QueryError),

@@ -99,5 +99,6 @@ pub use veiloc_obfuscation::{
 };
 pub use veiloc_protocol::{
     Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, CoarseGravity, FocalKnowledge, Pack,
-    PositionHint, Profile, RigMessage, Scheme, SealedFrame, SealedQuery, StopCriterion,
+    PositionHint, Profile, RigMessage, Scheme, SealedFrame, SealedIn, SealedQuery, SeparateAnchors,
+    SessionTag, StopCriterion,
 };

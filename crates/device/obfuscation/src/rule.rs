@@ -1,6 +1,6 @@
 //! How a session changes the sealing of one of its frames.
 
-use veiloc_protocol::LayoutTurn;
+use veiloc_protocol::{CanonicalCamera, LayoutTurn};
 
 use crate::grid::AngleGrid;
 use crate::schemes::dcl::AnchorAngle;
@@ -8,6 +8,8 @@ use crate::schemes::dcl::AnchorAngle;
 /// By default nothing changes: the layout is fixed in the image, and positions are dithered.
 #[derive(Default)]
 pub(crate) struct FrameRule {
+    /// The camera of the session; that of the image's own device where there is none.
+    pub(crate) camera: Option<CanonicalCamera>,
     /// Rotation of the layout relative to the camera.
     pub(crate) turn: LayoutTurn,
     /// Half the width of the band along sector borders whose keypoints are dropped, radians about the sectors' axis.

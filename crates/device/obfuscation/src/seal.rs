@@ -48,7 +48,7 @@ impl Sealer {
         let (features, camera) = (&extracted.features, &extracted.camera.intrinsics);
         let (profile, options) = (self.profile(), self.options());
         let (scheme, angle_bits) = (options.scheme(), options.angle_bits());
-        let canonical = CanonicalCamera::for_intrinsics(camera)?;
+        let canonical = rule.camera.map_or_else(|| CanonicalCamera::for_intrinsics(camera), Ok)?;
         let window = canonical.window(camera)?;
         let (size, pinhole) = ([canonical.width(), canonical.height()], canonical.pinhole());
         let turn = rule.turn;

@@ -2,7 +2,7 @@
 
 use rand::CryptoRng;
 use veiloc_features::{Features, Image, Limits, SharedGlobal};
-use veiloc_protocol::{CoarseGravity, ExtractionLimits, Hints, Profile, SealedQuery};
+use veiloc_protocol::{CoarseGravity, ExtractionLimits, Hints, Profile, SealedIn, SealedQuery};
 
 use crate::rule::FrameRule;
 use crate::seal::HiddenState;
@@ -142,7 +142,7 @@ impl Sealer {
         self.check(&extracted.features)?;
         let (query, seen) = self.seal_frame(extracted, &FrameRule::default(), rng, look)?;
         self.check_sides(&query)?;
-        Ok((query, seen))
+        Ok((query.with_sealed_in(SealedIn::Alone), seen))
     }
 }
 

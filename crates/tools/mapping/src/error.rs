@@ -290,6 +290,14 @@ pub enum MappingError {
         /// The problem and the remedy.
         reason: String,
     },
+    /// The images of a bag of ROS cannot be used.
+    #[error("{}: {reason}", path.display())]
+    Bag {
+        /// The bag.
+        path: PathBuf,
+        /// The problem and the remedy.
+        reason: String,
+    },
     /// Structure from motion failed.
     #[error("structure from motion: {reason}")]
     Sfm {

@@ -18,7 +18,7 @@
 //! - [`HoldOutMap`]: the map without some of its images.
 //! - [`finish`]: the end of all of them: tests the map, which calibrates its ±, and refuses a broken one.
 //! - [`structure_from_motion`]: poses of images without poses, by pycolmap or COLMAP.
-//! - [`importers::poses`]: poses of other programs.
+//! - [`importers::poses`]: poses of other programs; [`importers::ros_bag`]: images with poses of a bag.
 //! - [`BuildReport`]: the result of a build, and every [`MapWarning`] about the map.
 //!
 //! Poses are fixed: only points are refined. Results do not depend on the number of threads or on timing.
@@ -65,6 +65,7 @@ mod error;
 pub mod importers;
 mod input;
 mod progress;
+mod python;
 pub mod structure_from_motion;
 mod triangulation;
 

@@ -48,6 +48,7 @@ pub(crate) struct AddArgs {
 
 pub(super) fn run(args: &AddArgs, ui: &Ui) -> Outcome {
     let posed_input = args.posed.read(ui, |_| Err(Failure::refused("give poses with --posed")))?;
+    posed_input.check_masks(ui)?;
     let edit = MapEdit::begin(&args.map, args.out.as_deref(), ui)?;
     let mut model = edit.read()?;
     let extractors = args.features.extractors(&model.profile)?;

@@ -73,11 +73,12 @@ pub(super) fn run(args: &BuildArgs, ui: &Ui) -> Outcome {
     }
     let mut others = Vec::new();
     let input = args.posed.read(ui, |names| {
-        let (images, work, out) = (&args.posed.images, args.work.as_deref(), &args.written.out);
-        let mut computed = args.sfm.models(images, names, work, out, args.posed.bad.skip_bad, ui)?;
+        let (work, out) = (args.work.as_deref(), &args.written.out);
+        let mut computed = args.sfm.models(names, work, out, &args.posed, ui)?;
         others = computed.models.split_off(1);
         Ok(computed)
     })?;
+    input.check_masks(ui)?;
     let mut outcome = build_one(args, &input, &args.written.out, ui);
     for (number, images) in (2..).zip(others) {
         let folder = input.folder.clone();

@@ -9,6 +9,7 @@ use veiloc_mapping::structure_from_motion::{
     SfmMatching, SfmOptions, SfmReport, frames_of_video, reconstruct,
 };
 
+use super::posed_args::PosedArgs;
 use super::remedy::with_remedy;
 use crate::output::exit::Failure;
 use crate::output::stages::Stages;
@@ -17,10 +18,6 @@ use crate::output::ui::Ui;
 /// Images without poses.
 #[derive(clap::Args)]
 pub(super) struct SfmArgs {
-    /// The Python whose pycolmap computes the poses of images without poses. Default: python3 of the PATH, or else the
-    /// program colmap of the PATH.
-    #[arg(long, value_name = "PROGRAM", conflicts_with = "posed")]
-    python: Option<PathBuf>,
     /// Image pairs that are matched to compute poses: all pairs (`exhaustive`), or neighbours by name as for frames of a video
     /// (`sequential`). `auto`: neighbours if there are more than 300 images and their names are numbered at regular
     /// steps, otherwise all pairs.
@@ -66,17 +63,17 @@ impl SfmArgs {
     /// There is no program for it, or no model could be computed.
     pub(super) fn models(
         &self,
-        images: &Path,
         names: Option<&[String]>,
         work: Option<&Path>,
         out: &Path,
-        skip_bad: bool,
+        posed: &PosedArgs,
         ui: &Ui,
     ) -> Result<SfmModels, Failure> {
+        let (images, python) = (posed.images.as_path(), posed.python.as_deref());
         let work = work.map_or_else(|| out.with_extension("sfm"), |work| work.join("sfm"));
         let mut options = SfmOptions::default();
-        options.python.clone_from(&self.python);
-        options.skip_bad = skip_bad;
+        options.python = python.map(Path::to_owned);
+        options.skip_bad = posed.bad.skip_bad;
         options.are_panoramas = self.panoramas;
         options.matching = match self.matching {
             Matching::Auto => SfmMatching::Auto,
@@ -91,7 +88,7 @@ impl SfmArgs {
                     "leave out --list, or give a folder of images",
                 ));
             }
-            let frames = frames_of_video(images, &work, self.python.as_deref(), &stages)?;
+            let frames = frames_of_video(images, &work, python, &stages)?;
             let of = frames.of.map_or_else(|| ", from an earlier run".to_owned(), |n| format!(" of {n}"));
             ui.info(format_args!(
                 "{}: {} frames{of} are used, in {}",

@@ -28,7 +28,8 @@ use crate::output::ui::Ui;
 ///
 /// With `--progressive` only as many rows are sent as a trusted pose needs.
 ///
-/// With `--rig` the previously sealed queries of a session are sent unchanged, and the pose is that of the device.
+/// With `--rig` the previously sealed queries of a session are sent unchanged, and the pose is that of the device. Queries that
+/// were not sealed in one session are refused: their lines would give keypoints away.
 ///
 /// The exit code is 0 for a trusted pose, 4 for a doubtful one, and 1 for none.
 #[derive(clap::Args)]

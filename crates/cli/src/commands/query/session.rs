@@ -10,6 +10,11 @@ use crate::commands::rig_file;
 use crate::output::exit::Failure;
 use crate::output::ui::Ui;
 
+/// The remedy for frames of several sessions.
+const ONE_SESSION: &str = "take other images, and seal them with `veiloc seal --session FILE --orientation …`, or those of \
+                           one moment with `veiloc seal --rig-cameras`; if they are of one session that had to place its \
+                           anchors anew, add its \"session\", as `veiloc seal --json` prints it, to each frame of the rig file";
+
 /// Reads a rig file and its queries, and requests the pose of the device. The client is created last.
 pub(super) fn send(
     rig: &Path,
@@ -31,6 +36,9 @@ pub(super) fn send(
         // Nothing was sent: the error names the session, not the service.
         ClientError::UnbalancedAnchors(unbalanced) => {
             Failure::refused(format!("{}: {unbalanced}", rig.display()))
+        }
+        ClientError::SeparateAnchors(separate) => {
+            Failure::with_help(format!("{}: {separate}", rig.display()), ONE_SESSION)
         }
         error => failure(error),
     })

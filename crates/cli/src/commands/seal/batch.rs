@@ -4,17 +4,18 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
-use veiloc_client::SessionFile;
 use veiloc_features::is_marked_panorama;
 use veiloc_mapping::mask_file;
 use veiloc_obfuscation::Sealer;
-use veiloc_protocol::FocalKnowledge;
+use veiloc_protocol::{FocalKnowledge, Scheme, SessionTag};
 
 use super::panorama::seal_panorama;
-use super::{Args, Attitude, Sealed, seal_one};
+use super::rig::Rig;
+use super::{Args, Attitude, RIG, Sealed, seal_one};
 use crate::args::camera::{CameraSource, warn_of_turned};
 use crate::commands::image_list::images_of_list;
 use crate::commands::mask_args::{MaskedRegion, MaskedRegionDetector};
+use crate::commands::session_args::OpenSession;
 use crate::output::exit::{Failure, Outcome};
 use crate::output::files;
 use crate::output::items::{self, BatchSummary, InputError, InputErrorKind, Item};
@@ -29,6 +30,9 @@ pub(crate) struct SealDocument {
     version: u32,
     /// Obfuscation scheme.
     scheme: String,
+    /// The rig file of the images; absent without `--rig-cameras`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rig: Option<String>,
     /// Number of sealed images.
     sealed: usize,
     /// Number of images that were not sealed.
@@ -67,6 +71,9 @@ struct ImageDocument {
     /// when there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     image_global: Option<String>,
+    /// The session in which it was sealed, by its name on this device: `session` of a rig file; absent without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    session: Option<String>,
     /// How the focal length is known, as stated in the query: `calibrated`, `exif` or `unknown`; absent when failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     focal_known: Option<&'static str>,
@@ -95,12 +102,14 @@ pub(super) struct SealedFiles {
     pub(super) sent: usize,
     /// The file that stands for all, if there are several.
     pub(super) result: Option<&'static str>,
+    /// Its session.
+    pub(super) session: Option<SessionTag>,
 }
 
 impl From<Sealed> for SealedFiles {
     fn from(sealed: Sealed) -> Self {
-        let Sealed { focal, bytes, found, sent, .. } = sealed;
-        Self { files: vec![(String::new(), bytes)], focal, found, sent, result: None }
+        let Sealed { focal, bytes, found, sent, session, .. } = sealed;
+        Self { files: vec![(String::new(), bytes)], focal, found, sent, result: None, session }
     }
 }
 
@@ -139,11 +148,16 @@ pub(super) fn run(
     args: &Args,
     sealer: &Sealer,
     hiding: &MaskedRegionDetector,
-    mut session: Option<&mut SessionFile>,
+    mut session: Option<OpenSession>,
     ui: &Ui,
 ) -> Outcome {
-    let jobs = jobs(args, ui)?;
-    let scheme = sealer.options().scheme().to_string();
+    let rig = Rig::read(args)?;
+    let jobs = jobs(args, rig.as_ref(), ui)?;
+    let scheme = sealer.options().scheme();
+    if rig.is_some() && session.is_none() && matches!(scheme, Scheme::Dcl(_)) {
+        session = Some(OpenSession::of_call()?);
+    }
+    let scheme = scheme.to_string();
     let of_image = sealer.image_global().map(|own| own.model().name().to_owned());
     let beside = of_image.as_ref().map_or_else(String::new, |name| format!(" with {name} of the image"));
     let items: Vec<Item> = jobs.iter().map(|job| job.item.clone()).collect();
@@ -152,8 +166,8 @@ pub(super) fn run(
         warn_of_turned(jobs.iter().map(|job| (job.item.path.as_path(), job.camera)), ui);
     }
     let stage = (jobs.len() > 1).then(|| ui.stage("Sealing", jobs.len() as u64));
-    let mut images = Vec::new();
-    for job in &jobs {
+    let (mut images, mut on_rig) = (Vec::new(), Vec::new());
+    for (number, job) in jobs.iter().enumerate() {
         let name = job.item.path.display().to_string();
         let sealed = if let Some(fault) = &job.item.fault {
             Err(fault.clone())
@@ -170,9 +184,12 @@ pub(super) fn run(
                         seal_panorama(&job.item.path, sealer, mask)?
                     } else {
                         let gravity = args.device.gravity();
-                        let attitude =
-                            Attitude { orientation: args.session.camera_orientation(gravity), gravity };
-                        let session = session.as_deref_mut();
+                        let orientation = match &rig {
+                            Some(rig) => rig.orientation(number),
+                            None => args.session.camera_orientation(gravity),
+                        };
+                        let attitude = Attitude { orientation, gravity };
+                        let session = session.as_mut();
                         seal_one(&job.item.path, job.camera, sealer, mask, attitude, session)?
                             .map(SealedFiles::from)
                     };
@@ -184,6 +201,7 @@ pub(super) fn run(
         match &sealed {
             Ok((sealed, hidden)) => {
                 sealed.write(&job.out, ui)?;
+                on_rig.push((number, sealed.session));
                 let line = format!(
                     "{name}: {}{} keypoints, {} sent as {scheme}{beside}, {} bytes → {}",
                     hidden.description(),
@@ -213,8 +231,16 @@ pub(super) fn run(
     }
     let failed = tally.failures();
     let sealed = jobs.len() - failed;
+    // Last: without it the others are no answerable query.
+    let rig = rig.filter(|_| sealed > 0).map(|rig| {
+        let path = args.out.join(RIG);
+        files::write_or_print(&path, &rig.file(&on_rig)?, ui)?;
+        ui.info(format!("{}: {sealed} cameras", path.display()));
+        Ok::<_, Failure>(path.display().to_string())
+    });
+    let rig = rig.transpose()?;
     if args.json {
-        ui.json(&SealDocument { version: 1, scheme, sealed, failed, images })?;
+        ui.json(&SealDocument { version: 1, scheme, rig, sealed, failed, images })?;
     }
     tally.end(sealed, "", args.skip, ui)
 }
@@ -239,18 +265,19 @@ fn document_of(
         masked: hidden.share(),
         detections: hidden.found.map(|found| found.into_iter().collect()),
         image_global: sealed.as_ref().and(of_image).cloned(),
+        session: sealed.as_ref().and_then(|s| s.session).map(|session| session.to_string()),
         focal_known: sealed.as_ref().map(|s| s.focal.name()),
         error,
     }
 }
 
 /// Returns the images with their cameras and output files.
-fn jobs(args: &Args, ui: &Ui) -> Result<Vec<SealJob>, Failure> {
-    let with_cameras = images(args, ui)?;
+fn jobs(args: &Args, rig: Option<&Rig>, ui: &Ui) -> Result<Vec<SealJob>, Failure> {
+    let with_cameras = images(args, rig, ui)?;
     let several =
         with_cameras.len() > 1 || args.list.is_some() || args.images.iter().any(|path| path.is_dir());
     let ends_in_slash = args.out.as_os_str().to_string_lossy().ends_with(['/', std::path::MAIN_SEPARATOR]);
-    let into_folder = several || ends_in_slash || args.out.is_dir() || args.panorama;
+    let into_folder = several || ends_in_slash || args.out.is_dir() || args.panorama || rig.is_some();
     let standard = files::is_standard(&args.out);
     if several && args.device.has_gravity() {
         return Err(Failure::with_help(
@@ -264,7 +291,7 @@ fn jobs(args: &Args, ui: &Ui) -> Result<Vec<SealJob>, Failure> {
             "give the folder of their masks with --masks, or seal each image in a separate call",
         ));
     }
-    if several && args.session.has_orientation() {
+    if several && args.session.has_orientation() && rig.is_none() {
         return Err(Failure::with_help(
             "--orientation is for one image, and several are given",
             "seal each image in a separate call, with --session and its orientation",
@@ -278,9 +305,12 @@ fn jobs(args: &Args, ui: &Ui) -> Result<Vec<SealJob>, Failure> {
     }
     let jobs: Vec<SealJob> = with_cameras
         .into_iter()
-        .map(|(item, camera)| {
+        .enumerate()
+        .map(|(number, (item, camera))| {
             let into_folder = into_folder && !standard;
-            let out = if into_folder {
+            let out = if let Some(rig) = rig {
+                args.out.join(rig.query_name(number))
+            } else if into_folder {
                 args.out.join(item.below.with_extension(if args.panorama { "" } else { "vquery" }))
             } else {
                 args.out.to_path_buf()
@@ -310,15 +340,20 @@ fn jobs(args: &Args, ui: &Ui) -> Result<Vec<SealJob>, Failure> {
 }
 
 /// Returns the images, each with its camera.
-fn images(args: &Args, ui: &Ui) -> Result<Vec<(Item, CameraSource)>, Failure> {
+fn images(args: &Args, rig: Option<&Rig>, ui: &Ui) -> Result<Vec<(Item, CameraSource)>, Failure> {
     if args.images.iter().any(|path| files::is_standard(path)) {
         return Err(Failure::with_help("-: images are not read from stdin", "give a file or a folder"));
     }
-    let Some(list) = &args.list else {
-        let camera = args.device.camera(args.camera.as_ref())?;
-        return Ok(items::expand_images(&args.images, ui).into_iter().map(|item| (item, camera)).collect());
-    };
-    images_of_list(list, lists::single_folder(&args.images)?, &args.device, args.camera.as_ref())
+    if let Some(list) = &args.list {
+        let folder = lists::single_folder(&args.images)?;
+        return images_of_list(list, folder, &args.device, args.camera.as_ref());
+    }
+    let items = items::expand_images(&args.images, ui);
+    if let Some(rig) = rig {
+        return rig.images(items, args);
+    }
+    let camera = args.device.camera(args.camera.as_ref())?;
+    Ok(items.into_iter().map(|item| (item, camera)).collect())
 }
 
 /// Two images of the same name would overwrite each other's query.

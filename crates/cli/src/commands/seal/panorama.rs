@@ -8,15 +8,12 @@ use veiloc_obfuscation::{KnownCamera, Sealer};
 use veiloc_protocol::FocalKnowledge;
 
 use super::batch::SealedFiles;
-use super::{Attitude, extract_image, seal};
+use super::{Attitude, RIG, extract_image, seal};
 use crate::args::extraction_error::extraction_error;
 use crate::commands::rig_file;
 use crate::commands::session_args;
 use crate::output::exit::Failure;
 use crate::output::items::{InputError, InputErrorKind};
-
-/// Name of the file that joins the queries.
-const RIG: &str = "rig.json";
 
 /// Seals the pinhole images of a panorama, each with its own anchors: no keypoint is in two of them. Those with too little texture,
 /// such as a ceiling, are left out.
@@ -41,7 +38,7 @@ pub(super) fn seal_panorama(
                 found += keypoints;
                 sent += query.len();
                 let name = format!("{}.vquery", face.name);
-                frames.push((name.clone(), face.cam_from_rig));
+                frames.push((name.clone(), face.cam_from_rig, None));
                 files.push((name, query.encode()));
             }
             Ok((_, Err(veiloc_client::ClientError::Seal(error)))) => {
@@ -56,7 +53,14 @@ pub(super) fn seal_panorama(
     }
     // Last: without it the others are no answerable query.
     files.push((RIG.to_owned(), rig_file::fixed(&frames)?));
-    Ok(Ok(SealedFiles { files, focal: FocalKnowledge::Calibrated, found, sent, result: Some(RIG) }))
+    Ok(Ok(SealedFiles {
+        files,
+        focal: FocalKnowledge::Calibrated,
+        found,
+        sent,
+        result: Some(RIG),
+        session: None,
+    }))
 }
 
 fn faces(

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng;
 use veiloc_ar::{
     Alignment, Burst, BurstError, BurstOptions, CameraFrame, CameraFromAr, PixelFormat, QuarterTurns,
-    SealedBurst, Update, orientation_in_world,
+    RigError, SealedBurst, Update, orientation_in_world, rig_message,
 };
 use veiloc_features::Image;
 use veiloc_geometry::nalgebra::Vector3;
@@ -13,7 +13,7 @@ use veiloc_geometry::{Anchor, Stop};
 use veiloc_localization::{LocalizeOptions, localize_rig};
 use veiloc_obfuscation::{KnownPlace, PackUse, SealErrorKind, SealOptions, Sealer, Session, SessionOptions};
 use veiloc_pose::State;
-use veiloc_protocol::{CoarseGravity, Observations, RigMessage, SealedQuery};
+use veiloc_protocol::{CoarseGravity, Observations, RigMessage, SealedQuery, SeparateAnchors};
 
 use crate::room::{Frame, Room, known, room};
 use crate::walk;
@@ -197,6 +197,34 @@ fn poses_are_relative_to_the_newest_frame_and_errors_add_up() {
         assert!((on_rig.rotation_sd_deg - 0.2 * steps).abs() < 1e-12);
         assert!((on_rig.translation_sd - 0.06 * steps).abs() < 1e-12);
     }
+}
+
+/// Frames that an app sealed one by one make a rig if they are of one session.
+#[test]
+fn a_rig_of_several_sessions_is_refused() {
+    let room = room();
+    let frames = [0.0, 0.8].map(|seconds| room.frame(seconds));
+    let poses = frames.each_ref().map(|frame| frame.cam_from_ar);
+    let sealer = sealer(SealOptions::default());
+    let seal = |frame: &Frame, session: Option<&mut Session>| {
+        let extracted = sealer.extract(Image::from(&frame.camera_frame()), known()).expect("texture");
+        let orientation = orientation_in_world(&frame.cam_from_ar).expect("finite");
+        let extracted = extracted.with_orientation(orientation);
+        match session {
+            Some(session) => sealer.in_session(session).seal(extracted, &mut rng()).expect("texture"),
+            None => sealer.seal(extracted, &mut rng()).expect("texture"),
+        }
+    };
+    let rig = |queries| rig_message(queries, &poses, 1.0, 0.1, 0.01);
+    let (mut own, mut other) =
+        (session(), Session::new(SessionOptions::default(), &mut ChaCha20Rng::from_seed([8; 32])));
+    let one = seal(&frames[0], Some(&mut own));
+    assert!(rig(vec![one.clone(), seal(&frames[1], Some(&mut own))]).is_ok());
+    let refused = RigError::SeparateAnchors(SeparateAnchors { first: 0, second: 1 });
+    for query in [seal(&frames[1], Some(&mut other)), seal(&frames[1], None)] {
+        assert_eq!(rig(vec![one.clone(), query]).expect_err("refused"), refused);
+    }
+    assert_eq!(rig(frames.iter().map(|frame| seal(frame, None)).collect()).expect_err("refused"), refused);
 }
 
 #[test]

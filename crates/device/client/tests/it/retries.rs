@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use common::{Service, known, problem, protobuf, query, quick, recording, reply};
 use veiloc_client::{CameraFromRig, Client, ClientError, LocalizeRequest, Notice, RigMessage, SealedFrame};
+use veiloc_protocol::{SealedIn, SessionTag};
 
 #[test]
 fn retry_sends_the_same_bytes() {
@@ -177,4 +178,34 @@ fn session_retry_sends_the_same_bytes() {
         assert!(refused.to_string().contains("1 to 32"), "{refused}");
     }
     assert!(none.requests().is_empty());
+}
+
+/// Lines of a keypoint under two anchors cross in it: such frames are not sent (rule L10).
+#[test]
+fn frames_of_several_sessions_are_not_sent() {
+    // Half a turn about the viewing direction: each frame has its anchors in its image.
+    let frame = |query, turned: f64| SealedFrame {
+        query,
+        cam_from_rig: CameraFromRig::from_quaternion([1.0 - turned, 0.0, 0.0, turned], [0.1, 0.0, 0.0])
+            .expect("a pose"),
+        rotation_sd_deg: 0.5,
+        translation_sd: 0.01,
+    };
+    let rig = |known: [SealedIn; 2]| {
+        let [a, b] = known.map(|sealed_in| query().with_sealed_in(sealed_in));
+        RigMessage { frames: vec![frame(a, 0.0), frame(b, 1.0)] }
+    };
+    let [own, other] = [1, 2].map(|tag| SealedIn::Session(SessionTag([tag; 8])));
+    let request = LocalizeRequest::default();
+    let none = Service::replying(Vec::new());
+    for known in [[SealedIn::Unknown; 2], [SealedIn::Alone; 2], [own, other], [own, SealedIn::Alone]] {
+        let refused = none.client().localize_rig("place", &rig(known), &request).expect_err("refused");
+        assert!(matches!(refused, ClientError::SeparateAnchors(_)) && !refused.is_retryable(), "{refused:?}");
+        assert!(refused.to_string().contains("seal all images of a rig in one session"), "{refused}");
+    }
+    assert!(none.requests().is_empty());
+    let service = Service::replying(vec![protobuf(&known("without-fit.answer"))]);
+    service.client().localize_rig("place", &rig([own; 2]), &request).expect("one session");
+    let sent = &service.requests()[0].body;
+    assert_eq!(*sent, rig([SealedIn::Unknown; 2]).encode(), "nothing of the session");
 }

@@ -3,8 +3,8 @@
 //!
 //! # Form
 //! Numbers are little endian; directions and rotations are `f64`. `VSESSION`, version (u32); anchors (u8), band,
-//! correction, step (f64), memory (u8), most starts (u32, all ones for any number); key (32 bytes); frames, starts
-//! (u32); 1 or 0 for a start, and if there is one the scheme as text (u16 length), camera (3 × u32), 1 or 0 for an
+//! correction, step (f64), memory (u8), most starts (u32, all ones for any number); key (32 bytes); frames, starts,
+//! retries (u32); 1 or 0 for a start, and if there is one the scheme as text (u16 length), camera (3 × u32), 1 or 0 for an
 //! orientation and its matrix by columns (9 × f64); number of landmarks (u32), and if there are any the descriptor
 //! kind, then of each direction (3 × f64), anchor (u8), angle (f64), start, frame (u32), and their descriptors; SHA-256
 //! of all before.
@@ -44,6 +44,7 @@ impl Session {
         out.bytes(&self.key);
         out.word(self.frames);
         out.word(self.starts);
+        out.word(self.retries);
         out.byte(self.start.is_some().into());
         if let Some(start) = &self.start {
             let scheme = start.scheme.to_string();
@@ -118,7 +119,10 @@ impl Session {
         };
         let mut key = [0; 32];
         key.copy_from_slice(reader.bytes(32)?);
-        let [frames, starts] = [reader.word()?, reader.word()?];
+        let [frames, starts, retries] = [reader.word()?, reader.word()?, reader.word()?];
+        if retries > starts {
+            return Err(damaged("starts"));
+        }
         let start = if reader.flag()? { Some(reader.start()?) } else { None };
         let anchors = match start {
             Some(Start { scheme: Scheme::Dcl(layout), .. }) => layout.anchors(),
@@ -128,7 +132,7 @@ impl Session {
         if !reader.0.is_empty() {
             return Err(damaged("length"));
         }
-        Ok(Self { options, key, start, frames, starts, memory })
+        Ok(Self { options, key, start, frames, starts, retries, memory })
     }
 }
 

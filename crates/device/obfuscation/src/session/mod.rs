@@ -31,8 +31,9 @@ mod overlap;
 mod placement;
 
 use rand::CryptoRng;
+use sha2::{Digest as _, Sha256};
 use veiloc_geometry::nalgebra::Rotation3;
-use veiloc_protocol::{CanonicalCamera, Scheme, SealedQuery};
+use veiloc_protocol::{CanonicalCamera, Scheme, SealedIn, SealedQuery, SessionTag};
 
 pub use options::{SessionAnchors, SessionAnchorsError, SessionOptions};
 pub use orientation::Orientation;
@@ -86,6 +87,8 @@ pub struct Session {
     start: Option<Start>,
     frames: u32,
     starts: u32,
+    /// Starts that may have sent keypoints of an earlier one again, under other anchors.
+    retries: u32,
     memory: Memory,
 }
 
@@ -104,7 +107,7 @@ impl Session {
     pub fn new(options: SessionOptions, rng: &mut impl CryptoRng) -> Self {
         let mut key = [0; 32];
         rng.fill_bytes(&mut key);
-        Self { options, key, start: None, frames: 0, starts: 0, memory: Memory::default() }
+        Self { options, key, start: None, frames: 0, starts: 0, retries: 0, memory: Memory::default() }
     }
 
     /// Number of sealed frames.
@@ -115,6 +118,18 @@ impl Session {
     /// How often the layout was placed.
     pub const fn starts(&self) -> u32 {
         self.starts
+    }
+
+    /// Names the last frame's part of this session on its device: queries of one part may be sent together as a rig. A new part
+    /// begins with a frame that starts anew because its orientation is not known: it may send keypoints again, under other
+    /// anchors. The name says nothing of the key, and is not sent.
+    pub fn tag(&self) -> SessionTag {
+        let hash = Sha256::new()
+            .chain_update(b"veiloc session tag")
+            .chain_update(self.key)
+            .chain_update(self.retries.to_le_bytes())
+            .finalize();
+        SessionTag(std::array::from_fn(|i| hash[i]))
     }
 
     /// The options of this session.
@@ -139,7 +154,7 @@ impl Session {
         let remembers = in_world && self.options.memory;
         let mut history = match scheme {
             Scheme::Dcl(layout) if remembers => {
-                let pinhole = CanonicalCamera::for_intrinsics(camera)?.pinhole();
+                let pinhole = placement.camera.pinhole();
                 let pencils = pencils(layout, &pinhole, placement.turn);
                 let anchor_of = |i: usize| {
                     let pixel = pinhole.project(camera.unproject(features.keypoints[i].pixel)?);
@@ -154,6 +169,7 @@ impl Session {
             history.0 = RowHistory::OtherAnchor;
         }
         let rule = FrameRule {
+            camera: Some(placement.camera),
             turn: placement.turn,
             band: if in_world { self.options.band_deg.to_radians() } else { 0.0 },
             grid: (in_world && self.options.step > 0.0)
@@ -175,12 +191,15 @@ impl Session {
         }
         sealer.check_sides(&query)?;
         self.frames = self.frames.saturating_add(1);
+        // Anchors in the image are placed anew in each frame, as the owner of the device wants it.
+        let is_anew = self.starts > 0 && placement.starts > self.starts && in_world;
+        self.retries = self.retries.saturating_add(u32::from(is_anew && !placement.turned_away));
         (self.start, self.starts) = (placement.start, placement.starts);
         if remembers {
             let at = (self.starts, self.frames);
             self.memory.remember(rows.into_iter(), &features.descriptors, at);
         }
-        Ok((query, looked))
+        Ok((query.with_sealed_in(SealedIn::Session(self.tag())), looked))
     }
 }
 

@@ -14,6 +14,8 @@ use crate::{Extracted, SealError};
 /// Decisions made before a frame is sealed.
 pub(super) struct LayoutPlacement {
     pub(super) turn: LayoutTurn,
+    /// The camera in which anchors have their positions.
+    pub(super) camera: CanonicalCamera,
     pub(super) start: Option<Start>,
     pub(super) starts: u32,
     /// By feature, its direction in the camera.
@@ -47,15 +49,16 @@ pub(super) fn place_layout(
         if start.scheme != scheme {
             return Err(SealError::SessionChanged { what: "scheme or layout" });
         }
-        if start.camera != canonical {
+        if !start.camera.is_near(canonical) {
             return Err(SealError::SessionChanged { what: "camera" });
         }
         let turn = turn(&cam_from_layout)?;
-        turned_away = session.options.memory && is_one_sided(features, camera, canonical, scheme, turn);
+        turned_away = session.options.memory && is_one_sided(features, camera, start.camera, scheme, turn);
         if !turned_away {
             let layout_from_world = start.layout_from_world.or(layout_from(turn, orientation));
             return Ok(LayoutPlacement {
                 turn,
+                camera: start.camera,
                 start: Some(Start { layout_from_world, ..start }),
                 starts: session.starts,
                 seen: directions,
@@ -79,6 +82,7 @@ pub(super) fn place_layout(
     let matched = session.memory.matched(descriptors, starts);
     Ok(LayoutPlacement {
         turn,
+        camera: canonical,
         start,
         starts,
         seen: directions,

@@ -10,6 +10,7 @@ mod leaks;
 mod lens;
 mod masks;
 mod pack;
+mod rig;
 mod seal;
 mod session;
 mod session_bytes;

@@ -3,3 +3,4 @@
 pub mod hloc;
 pub mod lines;
 pub mod poses;
+pub mod ros_bag;

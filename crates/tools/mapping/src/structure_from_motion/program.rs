@@ -6,9 +6,9 @@ use std::process::{Command, Output};
 
 use veiloc_features::Progress;
 
-use super::pycolmap::tail;
 use super::state::{Causes, Task};
 use crate::error::MappingError;
+use crate::python::tail;
 
 /// The command that brings the program of structure from motion.
 pub const INSTALL: &str = "python3 -m pip install pycolmap";

@@ -10,12 +10,12 @@
 
 use std::path::{Path, PathBuf};
 
-use veiloc_geometry::nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion};
-use veiloc_geometry::{CameraFromWorld, Intrinsics};
+use veiloc_geometry::CameraFromWorld;
+use veiloc_geometry::nalgebra::{Isometry3, Translation3, UnitQuaternion};
 
-use super::cameras::Lens;
 use super::names::ImageNames;
 use super::posed_input::{Poses, faulty, pose_of_world_from_cam, text};
+use super::sensor_yaml::Sensor;
 use super::times::{Stamped, pose_images, seconds_of, tracked};
 use crate::error::MappingError;
 use crate::importers::lines::Line;
@@ -26,10 +26,9 @@ const POSES: &str = "state_groundtruth_estimate0/data.csv";
 pub(super) fn read(folder: &Path, names: &ImageNames) -> Result<Poses, MappingError> {
     let camera_folder = camera_folder(folder, names);
     let sensor_file = camera_folder.join("sensor.yaml");
-    let sensor = Sensor { path: &sensor_file, content: text(&sensor_file)? };
-    let camera = sensor.intrinsics()?;
-    let body_from_cam = Matrix4::from_row_slice(&sensor.array::<16>("data")?);
-    let cam_from_body = pose_of_world_from_cam(&body_from_cam);
+    let sensor = Sensor { path: &sensor_file, name: "", content: &text(&sensor_file)? };
+    let camera = sensor.intrinsics("distortion_coefficients")?;
+    let cam_from_body = pose_of_world_from_cam(&sensor.matrix("data")?);
     let cam_from_body =
         cam_from_body.ok_or_else(|| faulty(&sensor_file, "T_BS is no rotation and translation"))?;
 
@@ -87,54 +86,5 @@ fn nanoseconds(line: &Line<'_>) -> Result<f64, MappingError> {
         Ok(time) => Ok(1e-9 * time as f64),
         // Others write decimals, or seconds.
         Err(error) => line.numbers(0, "the time").map_err(|_| error).map(|[time]| seconds_of(time)),
-    }
-}
-
-/// `sensor.yaml`: keys with a value, or with numbers in brackets, which may go over several lines.
-struct Sensor<'a> {
-    path: &'a Path,
-    content: String,
-}
-
-impl Sensor<'_> {
-    fn value(&self, key: &str) -> Result<&str, MappingError> {
-        let starts =
-            |line: &&str| line.trim_start().strip_prefix(key).is_some_and(|rest| rest.starts_with(':'));
-        let line = self.content.lines().find(starts);
-        let line = line.ok_or_else(|| faulty(self.path, format!("{key} is missing")))?;
-        let at = line.as_ptr() as usize - self.content.as_ptr() as usize + line.find(':').unwrap_or(0) + 1;
-        let rest = self.content[at..].trim_start_matches([' ', '\t']);
-        Ok(if rest.starts_with('[') {
-            rest.split(']').next().unwrap_or(rest).trim_start_matches('[')
-        } else {
-            rest.lines().next().unwrap_or_default().split('#').next().unwrap_or_default().trim()
-        })
-    }
-
-    fn array<const N: usize>(&self, key: &str) -> Result<[f64; N], MappingError> {
-        let numbers = self.value(key)?.split(',').map(|word| word.trim().parse::<f64>().ok());
-        let numbers: Option<Vec<f64>> = numbers.map(|number| number.filter(|n| n.is_finite())).collect();
-        numbers
-            .and_then(|numbers| numbers.try_into().ok())
-            .ok_or_else(|| faulty(self.path, format!("{key} is no array of {N} numbers")))
-    }
-
-    fn intrinsics(&self) -> Result<Intrinsics, MappingError> {
-        let [w, h] = self.array("resolution")?;
-        let [fx, fy, cx, cy] = self.array("intrinsics")?;
-        let is_fisheye = match self.value("distortion_model")? {
-            "radial-tangential" | "radtan" => false,
-            "equidistant" => true,
-            other => {
-                return Err(faulty(
-                    self.path,
-                    format!("distortion_model is {other:?}; radial-tangential and equidistant are read"),
-                ));
-            }
-        };
-        let [a, b, c, d] = self.array("distortion_coefficients")?;
-        let (k, p) = if is_fisheye { ([a, b, c, d], [0.0; 4]) } else { ([a, b, 0.0, 0.0], [c, d, 0.0, 0.0]) };
-        let (size, principal) = ((w as u32, h as u32), [cx + 0.5, cy + 0.5]);
-        Lens { size, focal: [fx, fy], principal, k, p, skew: 0.0, is_fisheye }.intrinsics(self.path)
     }
 }

@@ -15,6 +15,8 @@
 //! | EuRoC | `mav0` | body to world, camera to body | right, down, forward | centre of the first |
 //! | AR captures | Polycam, Record3D, 3D Scanner App | camera to world | right, up, backward | corner |
 //!
+//! Bags of ROS become a COLMAP model first: [`frames_of_bag`](super::ros_bag::frames_of_bag).
+//!
 //! Each reader states its source. What is read correctly is kept: an odd item is left out, and a remark counts it with the
 //! reason; a file is refused if nothing is left, or if its structure is damaged. Images are found in the folder of the images
 //! whatever path or extension the other program gave them ([`PosedInput::images`] has names relative to that folder).
@@ -45,6 +47,8 @@ mod posed_input;
 mod radial;
 mod reality_capture;
 mod recognize;
+mod rig_cameras;
+mod sensor_yaml;
 mod times;
 mod tum;
 
@@ -54,6 +58,7 @@ use self::names::ImageNames;
 use self::posed_input::Poses;
 pub use self::posed_input::{PoseFormat, PosedInput};
 use self::recognize::recognize;
+pub use self::rig_cameras::{RigCamera, pose_rig_images, read_rig_cameras};
 use crate::error::MappingError;
 
 /// Reads posed images of any format of [`PoseFormat`]. `images` is the folder of the images: names are relative to it,

@@ -9,6 +9,7 @@ use super::posed_input::PoseFormat::{
 use super::posed_input::PoseFormat::{Colmap, RealityCapture, Record3d, ScannerApp, Tum};
 use super::{ar_capture, bundler, colmap, reality_capture};
 use crate::error::MappingError;
+use crate::importers::ros_bag::is_bag;
 
 /// Bytes at the start of a file that are looked at.
 const HEAD: u64 = 4096;
@@ -19,6 +20,14 @@ const OF_COLMAP: [&str; 5] = ["cameras", "images", "points3D", "rigs", "frames"]
 /// The format, and the file or folder to read.
 pub(super) fn recognize(path: &Path) -> Result<(PoseFormat, PathBuf), MappingError> {
     let kind = path.metadata().map_err(MappingError::io(path))?;
+    if is_bag(path) {
+        let (what, remedy) = (
+            "a bag of ROS",
+            "write its images and poses with `python -m veiloc.ros frames BAG --out FOLDER` (pip install 'veiloc[ros]') and give \
+             FOLDER/posed and FOLDER/images, or give the bag to `veiloc map build --posed`",
+        );
+        return Err(MappingError::UnreadPoses { path: path.to_owned(), what, remedy });
+    }
     if kind.is_file() {
         let found = of_file(path)?.or_else(|| of_colmap_file(path));
         return match (found, unread(path)) {

@@ -3,3 +3,5 @@
 mod hloc;
 mod odd_poses;
 mod poses;
+mod rig_cameras;
+mod ros_bag;
