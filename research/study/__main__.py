@@ -8,7 +8,7 @@
     python3 research/study compare A B      which differences of two runs are more than chance
     python3 research/study bound            errors beside the Cramér–Rao bound
 
-The pages are poses, privacy, trust, places, features, mapping, peers, scale, service, packs, inversion, and readme. Data are those of VEILOC_DATA, the program is
+The pages are poses, privacy, trust, places, features, mapping, peers, scale, service, packs, inversion, robots, and readme. Data are those of VEILOC_DATA, the program is
 target/release/veiloc. Rows are printed, and written with `--out docs/results`. `python3 -m study`, from research/, is the same.
 """
 
@@ -21,7 +21,7 @@ if not __package__:
 
 from study import common, figures, tables  # noqa: E402
 
-PAGES = ["poses", "privacy", "trust", "places", "features", "mapping", "peers", "scale", "service", "packs", "inversion", "readme"]
+PAGES = ["poses", "privacy", "trust", "places", "features", "mapping", "peers", "scale", "service", "packs", "inversion", "robots", "readme"]
 
 
 def main(page: str = "--help", *words: str):

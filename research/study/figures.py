@@ -51,6 +51,8 @@ def script(command: str, *tables: str, needs: str = ""):
 
 GPU = "networks that a GPU trains"
 script("veiloc eval inversion", "privacy/inversion.csv", needs=GPU)
+script("scripts/robots/guide.py --wheel target/wheels/veiloc-*.whl --place $D/hololens-office --csv $O/robots/commands.csv",
+       "robots/commands.csv", needs="a wheel of scripts/wheel.sh, and CPython 3.11")  # fmt: skip
 script("typed", "privacy/inversion-paper.csv", needs="the paper, Tables 2 and 7")
 script("research/notes/edge_inversion.py", "privacy/edge-inversion.csv", needs=GPU)
 script("python -m veiloc_train neighbours", "features/predictors.csv", needs=GPU)

@@ -211,6 +211,10 @@ impl Answer {
 }
 
 impl Answer {
+    pub(crate) const fn message(&self) -> &veiloc_protocol::Answer {
+        &self.message
+    }
+
     /// From a query that a map of this process localized.
     pub(crate) fn of_localization(found: &Localization, map: &MapFile) -> Self {
         let retrieved = found.retrieved.iter().map(|r| map.image(r.image).name().to_owned()).collect();

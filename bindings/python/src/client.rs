@@ -179,13 +179,15 @@ impl Client {
         Ok((Answer::of_service(found.answer), steps))
     }
 
-    /// Localizes several images of one device together.
+    /// Localizes several images of one device together. They must be sealed in one session (`Sealer.in_session`): two lines of a
+    /// keypoint from separate seals would cross in it.
     ///
     /// Args:
     ///     frames: as for `Map.localize_rig`.
     ///     map, trusted_only, near: as for `localize`.
     ///
     /// Raises:
+    ///     InputError: the frames are not of one session; nothing was sent.
     ///     NotLocalizedError, WrongProfileError, BusyError, RefusedError, ServiceError: as for `localize`.
     #[pyo3(signature = (map, frames, *, trusted_only=false, near=None))]
     fn localize_rig(

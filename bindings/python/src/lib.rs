@@ -6,12 +6,14 @@
 //! - [`errors`]: the libraries' errors as exceptions. [`arrays`], [`camera`], [`pose`], [`options`]: conversions.
 //! - [`blocking`], [`worker_threads`]: long calls, Ctrl-C, progress.
 //! - [`solvers`], [`estimate`]: poses from correspondences, with PoseLib's calling convention.
-//! - [`images`], [`profile`], [`pack`], [`device`], [`sealer`], [`session`]: the device side.
+//! - [`images`], [`profile`], [`pack`], [`device`], [`sealer`], [`sealed_in`], [`session`]: the device side.
 //! - [`map`], [`build_shares`], [`colmap`], [`answer`]: the server side. [`client`]: HTTP client of a service.
+//! - [`alignment`]: the map in the frame of odometry or of an AR session.
 //! - [`attacks`]: privacy attacks. [`rendered_scene`]: a synthetic scene for experiments. [`program`]: the command
 //!   line.
 #![forbid(unsafe_code)]
 
+mod alignment;
 mod answer;
 mod arrays;
 mod attacks;
@@ -32,6 +34,7 @@ mod posed;
 mod profile;
 mod program;
 mod rendered_scene;
+mod sealed_in;
 mod sealer;
 mod session;
 mod solvers;
@@ -40,6 +43,8 @@ mod worker_threads;
 /// The native part of the package; users import `veiloc`.
 #[pyo3::pymodule(gil_used = true)]
 mod _native {
+    #[pymodule_export]
+    use crate::alignment::Alignment;
     #[pymodule_export]
     use crate::answer::{Answer, Doubt};
     #[pymodule_export]

@@ -32,6 +32,7 @@ use crate::pack::Pack;
 use crate::pose::CameraPose;
 use crate::posed::{Posed, down_of, matching_of, on_bad, on_other_coordinate_frame, posed_of};
 use crate::profile::Profile;
+use crate::sealed_in::query_of;
 
 /// A map, in which sealed queries are localized.
 ///
@@ -74,6 +75,8 @@ impl Map {
     ///         CameraPose).
     ///     images: folder of the images.
     ///     names: use only these images, in this order.
+    ///     masks: folder of masks, `door/3.jpg.png` for `door/3.jpg` as in COLMAP: nothing of what is black gets into the map. An
+    ///         image without a mask is used as a whole.
     ///     features: `"compact"` or `"sift"`.
     ///     down: the down direction in the map's axes, `[x, y, z]` or a string such as `"-z"`. Default:
     ///         that of the format of `posed`, if it defines one.
@@ -91,13 +94,14 @@ impl Map {
     ///     ImageError: an image cannot be used.
     ///     MapError: the model cannot be read, no map can be built from these images, or nothing can be localized in it.
     #[staticmethod]
-    #[pyo3(signature = (posed, images, *, names=None, features="compact", down=None, metres=false, self_test=true, keep_broken=false, skip_bad=false, other_coordinate_frame="refuse", work=None, progress=None))]
+    #[pyo3(signature = (posed, images, *, names=None, masks=None, features="compact", down=None, metres=false, self_test=true, keep_broken=false, skip_bad=false, other_coordinate_frame="refuse", work=None, progress=None))]
     #[expect(clippy::too_many_arguments, clippy::fn_params_excessive_bools, reason = "keywords in Python")]
     fn build(
         py: Python<'_>,
         posed: &Bound<'_, PyAny>,
         images: PathBuf,
         names: Option<Vec<String>>,
+        masks: Option<PathBuf>,
         features: &str,
         down: Option<&Bound<'_, PyAny>>,
         metres: bool,
@@ -119,6 +123,9 @@ impl Map {
                 .on_other_coordinate_frame(other_coordinate_frame);
             if let Some(names) = &names {
                 input = input.with_names(names);
+            }
+            if let Some(masks) = &masks {
+                input = input.with_masks(masks);
             }
             let cache = work.as_deref().map(|folder| FolderCache::in_folder(folder, &options)).transpose();
             let cache = cache.map_err(BindingError::map)?;
@@ -651,7 +658,7 @@ pub(crate) fn frames_of(frames: &Bound<'_, PyAny>) -> Result<Vec<SealedFrame>> {
             .map_err(|_| refused())?;
         let on_rig: CameraFromWorld = pose.0;
         Ok(SealedFrame {
-            query: SealedQuery::decode(&bytes)?,
+            query: query_of(&bytes)?,
             cam_from_rig: CameraFromRig::new(*on_rig.rotation(), *on_rig.translation()),
             rotation_sd_deg,
             translation_sd,

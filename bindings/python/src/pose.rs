@@ -73,9 +73,28 @@ impl CameraPose {
     /// `[R | t]`, `[3, 4]`.
     #[getter(Rt)]
     fn rotation_and_translation<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let (r, t) = (self.0.rotation().matrix(), self.0.translation());
-        let row = |i: usize| std::array::from_fn::<f64, 4, _>(|j| if j < 3 { r[(i, j)] } else { t[i] });
-        arrays::matrix(py, (0..3).map(row))
+        arrays::matrix(py, self.rows().into_iter())
+    }
+
+    /// Quaternion `[x, y, z, w]` of length 1 with `w >= 0`, `[4]`: the order of ROS and SciPy.
+    #[getter]
+    fn xyzw<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        let [w, x, y, z] = self.0.quaternion();
+        vec![x, y, z, w].into_pyarray(py)
+    }
+
+    /// `[R | t]` with the last row `[0, 0, 0, 1]`, `[4, 4]`, map to camera: the pose of the camera in the map is
+    /// `pose.inverse().matrix`.
+    #[getter]
+    fn matrix<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let [a, b, c] = self.rows();
+        arrays::matrix(py, [a, b, c, [0.0, 0.0, 0.0, 1.0]].into_iter())
+    }
+
+    /// The inverse transform: of a camera's pose, the rotation and position of the camera in the map.
+    fn inverse(&self) -> Self {
+        let inverse = self.0.inverse();
+        Self(CameraFromWorld::new(*inverse.rotation(), *inverse.translation()))
     }
 
     /// Camera centre, `-Rᵀ t`, `[3]`, map units.
@@ -101,6 +120,14 @@ impl CameraPose {
             "CameraPose(q=[{w:.6}, {x:.6}, {y:.6}, {z:.6}], t=[{:.digits$}, {:.digits$}, {:.digits$}])",
             t.x, t.y, t.z
         )
+    }
+}
+
+impl CameraPose {
+    /// `[R | t]`.
+    fn rows(&self) -> [[f64; 4]; 3] {
+        let (r, t) = (self.0.rotation().matrix(), self.0.translation());
+        std::array::from_fn(|i| std::array::from_fn(|j| if j < 3 { r[(i, j)] } else { t[i] }))
     }
 }
 

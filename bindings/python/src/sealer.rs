@@ -19,6 +19,7 @@ use crate::errors::{BindingError, Result};
 use crate::images::{ImageInput, mask_of};
 use crate::pack::Pack;
 use crate::profile::Profile;
+use crate::sealed_in::bytes_of;
 use crate::session::Session;
 
 /// Seals images for one map: `extract`, then `seal`. Only the bytes of sealed queries leave the device.
@@ -166,7 +167,7 @@ impl Sealer {
         let query = interruptible(py, &Stop::default(), || -> Result<_> {
             Ok(self.0.seal(features, &mut device_rng()?)?)
         })??;
-        Ok(PyBytes::new(py, &query.encode()))
+        Ok(bytes_of(py, &query))
     }
 
     /// For the next images of a session, which share their anchors.
@@ -194,7 +195,7 @@ impl SessionSealer {
             let mut session = self.session.get().locked();
             Ok(self.sealer.in_session(&mut session).seal(features, &mut device_rng()?)?)
         })??;
-        Ok(PyBytes::new(py, &query.encode()))
+        Ok(bytes_of(py, &query))
     }
 }
 

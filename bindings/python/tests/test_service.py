@@ -115,6 +115,22 @@ def test_session_frames_localize_as_a_rig(rendered, client):
         client.localize_rig("room", [(b"", 1)])
 
 
+def test_frames_of_a_rig_are_of_one_session(rendered, client):
+    """Images that look all around a room: those of one session are localized together, others are refused before they are sent."""
+    sealer, views = veiloc.Sealer(client.profile("room")), [*rendered.queries, *(name for name, *_ in rendered.mapped)]
+    extracted = lambda name: sealer.extract(rendered.images / name, rendered.camera, orientation=rendered.pose(name).q)
+    session = veiloc.Session()
+    of_session, alone = [
+        [(seal(extracted(name)), rendered.pose(name)) for name in views]
+        for seal in (sealer.in_session(session).seal, sealer.seal)
+    ]
+    assert session.frames == len(views)
+    assert near(client.localize_rig("room", of_session).pose, veiloc.CameraPose())
+    for mixed in (alone, [of_session[0], alone[1]]):
+        with pytest.raises(veiloc.InputError, match="one session"):
+            client.localize_rig("room", mixed)
+
+
 def test_position_hint_and_trusted_only(rendered, client):
     query = rendered.queries[0]
     sealed = seal(rendered.images / query, rendered.camera, client.profile("room"))

@@ -5,6 +5,7 @@
 - The device: `Sealer`, `Session`, `Profile`, `Pack`, and `Client` for a service; `extract` and `obfuscate` for experiments.
 - The server: `Map`; `read_posed` for poses of other programs; `prepare` and `veiloc.ray` to build a map on several machines,
   `veiloc.ray_serve` to serve it.
+- Robots and AR: `Alignment`, the map in the frame of odometry; `veiloc.ros` for ROS 2 and its bags.
 - Privacy attacks: `attack`, `audit`.
 - `render_room`: a synthetic scene for experiments.
 - `veiloc.hloc`: the last step of hloc, with lines instead of points.
@@ -14,6 +15,7 @@ Pixels are COLMAP's: the centre of the first pixel is (0.5, 0.5). Poses are worl
 
 from veiloc._native import (
     VERSION as __version__,
+    Alignment,
     Answer,
     CameraPose,
     Client,
@@ -63,6 +65,7 @@ from veiloc.errors import (
 from veiloc.notebook import ProgressBar
 
 __all__ = [
+    "Alignment",
     "Answer",
     "BusyError",
     "CameraPose",

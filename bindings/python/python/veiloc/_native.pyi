@@ -101,6 +101,15 @@ class CameraPose:
     def Rt(self) -> Floats:
         """`[R | t]`, `[3, 4]`."""
     @property
+    def xyzw(self) -> Floats:
+        """Quaternion `[x, y, z, w]` of length 1 with `w >= 0`, `[4]`: the order of ROS and SciPy."""
+    @property
+    def matrix(self) -> Floats:
+        """`[R | t]` with the last row `[0, 0, 0, 1]`, `[4, 4]`, map to camera: the pose of the camera in the map is
+        `pose.inverse().matrix`."""
+    def inverse(self) -> CameraPose:
+        """The inverse transform: of a camera's pose, the rotation and position of the camera in the map."""
+    @property
     def center(self) -> Floats:
         """Camera centre, `-Rᵀ t`, `[3]`, map units."""
     def error(self, other: CameraPose) -> tuple[float, float]:
@@ -198,6 +207,70 @@ class Answer:
     def to_dict(self) -> dict[str, Any]:
         """The document of `to_json` as a dictionary."""
     def __bool__(self) -> bool: ...
+
+class Alignment:
+    """The transform from the map to a frame that a device tracks itself in (odometry, an AR session), from several answers.
+
+    The last answers are compared; the largest set that agrees is averaged, and everything else moves nothing: not a wrong answer,
+    and not a doubtful one. After a jump of the odometry, new answers that agree take over.
+
+    Args:
+        metres_per_unit: metres of a unit of the map. Default: as the answers state it.
+        drift: standard deviation of the odometry's position after a metre of path, metres.
+        rotation_drift_deg: the same of its rotation, degrees.
+        position_floor: standard deviation of the position along each axis that answers of one place share, metres.
+        rotation_floor_deg: the same of the rotation about each axis, degrees.
+
+    Raises:
+        InputError: a number is negative or not finite, or `metres_per_unit` is 0.
+    """
+
+    def __init__(
+        self,
+        *,
+        metres_per_unit: float | None = None,
+        drift: float = 0.01,
+        rotation_drift_deg: float = 0.05,
+        position_floor: float = 0.02,
+        rotation_floor_deg: float = 0.2,
+    ) -> None: ...
+    def add(
+        self, answer: Answer, cam_from_odom: CameraPose
+    ) -> Literal["used", "contradicts", "doubtful-agrees", "doubtful", "no-pose", "unknown-unit"]:
+        """Takes an answer, and the pose of the camera (or rig) in the odometry frame when it took the image, not its pose now.
+
+        Args:
+            answer: the answer to the sealed image.
+            cam_from_odom: pose of the camera in the odometry frame, metres.
+
+        Returns:
+            What it did: `"used"`; `"contradicts"`: trusted, and contradicts the transform; `"doubtful-agrees"`, `"doubtful"`: nothing
+            changed; `"no-pose"`; `"unknown-unit"`: it does not state the unit of the map, and none was given.
+        """
+    def moved(self, cam_from_odom: CameraPose) -> None:
+        """Takes the pose of the camera in the odometry frame between answers: the length of its path says how far the odometry may have
+        drifted.
+        """
+    def reset(self) -> None:
+        """Forgets all answers, as when the odometry starts again."""
+    @property
+    def state(self) -> Literal["searching", "tentative", "aligned"]:
+        """`"searching"`: no trusted answer yet; `"tentative"`: no two answers agree; `"aligned"`."""
+    @property
+    def odom_from_map(self) -> CameraPose | None:
+        """`x_odom = R x_map + t`, both in metres; None before the first trusted answer."""
+    @property
+    def covariance(self) -> Floats | None:
+        """Covariance of `odom_from_map`, `[6, 6]`: rotation vector in the odometry frame (radians), then translation in it (metres);
+        None before the first trusted answer."""
+    @property
+    def used(self) -> int:
+        """Answers that the transform is the average of."""
+    @property
+    def contradicting(self) -> int:
+        """Trusted answers that contradict it, among those that are remembered."""
+    def cam_from_map(self, cam_from_odom: CameraPose) -> CameraPose | None:
+        """Pose of the camera in the map, map units, from its pose in the odometry frame now; None before the first trusted answer."""
 
 class Profile:
     """Profile of a map: the feature type, the vocabulary and the limits with which a device seals queries.
@@ -427,6 +500,7 @@ class Map:
         images: Path,
         *,
         names: Sequence[str] | None = None,
+        masks: Path | None = None,
         features: Features = "compact",
         down: npt.ArrayLike | str | None = None,
         metres: bool = False,
@@ -444,6 +518,8 @@ class Map:
                 CameraPose).
             images: folder of the images.
             names: use only these images, in this order.
+            masks: folder of masks, `door/3.jpg.png` for `door/3.jpg` as in COLMAP: nothing of what is black gets into the map. An
+                image without a mask is used as a whole.
             features: `"compact"` or `"sift"`.
             down: the down direction in the map's axes, `[x, y, z]` or a string such as `"-z"`. Default:
                 that of the format of `posed`, if it defines one.
@@ -854,13 +930,15 @@ class Client:
     def localize_rig(
         self, map: str, frames: Frames, *, trusted_only: bool = False, near: npt.ArrayLike | None = None
     ) -> Answer:
-        """Localizes several images of one device together.
+        """Localizes several images of one device together. They must be sealed in one session (`Sealer.in_session`): two lines of a
+        keypoint from separate seals would cross in it.
 
         Args:
             frames: as for `Map.localize_rig`.
             map, trusted_only, near: as for `localize`.
 
         Raises:
+            InputError: the frames are not of one session; nothing was sent.
             NotLocalizedError, WrongProfileError, BusyError, RefusedError, ServiceError: as for `localize`.
         """
 
