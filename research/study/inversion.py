@@ -28,21 +28,22 @@ from study.private_rows import by_attack, read_lines
 np, cv2, h5py, onnxruntime = Package("numpy"), Package("cv2"), Package("h5py"), Package("onnxruntime")
 Image, ImageDraw, ImageFont = Package("PIL.Image"), Package("PIL.ImageDraw"), Package("PIL.ImageFont")
 NETWORKS = {"networks": ("networks", "folder of trained networks"), "judges": ("", "folder with st-lpips.onnx (default: no ST-LPIPS)"),
-            "limit": (2, "queries of each place, evenly spaced")}  # fmt: skip
+            "limit": (8, "queries of each place, evenly spaced")}  # fmt: skip
 TRAINED = "networks of research/train (--networks)"
+KINDS = ["compact", "sift", "xfeat", "alike-t", "aliked-t16"]
 SCHEMES = "points,random-lines,dcl:paper,dcl"
 NAMES = {"points": "points", "unordered": "descriptors without positions", "none": "no descriptor at all"}
 ATTACKS = {"none": "", "prior": "prior", "closed-form": "closed form", "graph": "graph", "lines": "none: spread over the lines"}
 
 
-def remade(run, network: str, kind: str, place: str, k: int = 20, schemes: str = SCHEMES) -> list[dict]:
-    """The summary of `eval inversion` for the queries of a place."""
+def remade(run, network: str, kind: str, place: str, k: int, limit: int, attack: str) -> dict:
+    """The document of `eval inversion` for the queries of a place."""
     folder = run.place(place)
     judges = ["--perceptual", Path(run.judges).resolve() / "st-lpips.onnx"] if run.judges else []
     detector = run.place("../weights/yolo/yolo11n_int8.onnx")
-    return run.document("eval", "inversion", folder / "images", "--list", folder / "query.txt", "--limit", run.limit, "--schemes", schemes,
-                        "--features", kind, "--network", Path(run.networks).resolve() / f"{network}.toml", "-k", k, *judges,
-                        *(["--detector", detector] if detector.exists() else []))["summary"]  # fmt: skip
+    return run.document("eval", "inversion", folder / "images", "--list", folder / "query.txt", "--limit", limit, "--schemes", SCHEMES,
+                        "--attacks", attack, "--features", kind, "--network", Path(run.networks).resolve() / f"{network}.toml", "-k", k, *judges,
+                        *(["--detector", detector] if detector.exists() else []))  # fmt: skip
 
 
 QUALITY = ["PSNR (dB)", "SSIM", "ST-LPIPS", "objects found again"]
@@ -67,16 +68,22 @@ def errors(run):
                 table.add([title, kind, scheme, rows["prior"]["images"], f"{rows['prior']['median_px']:.1f}", *cells])
 
 
-@command("inversion/features.csv", needs=TRAINED, kinds=["compact", "sift", "xfeat", "alike-t"],
-         hundred=(["compact"], "kinds that also get K = 100, which takes minutes an image"), **NETWORKS)  # fmt: skip
+@command("inversion/features.csv", needs=TRAINED, kinds=KINDS, hundred=(["compact"], "kinds that also get K = 100"),
+         slow=(2, "queries of each place that `graph` attacks, beside the true keypoints of the same"), **NETWORKS)  # fmt: skip
 def features(run):
     """The paper's Table 2 for learned features: images made of what attacks with true neighbours recover."""
-    table = run.table("inversion/features.csv", "place", "features", "K", "scheme", "attack", "mean (px)", "median (px)", *QUALITY)
+    table = run.table("inversion/features.csv", "place", "features", "K", "scheme", "attack", "images", "mean (px)", "median (px)", *QUALITY)
+    cases = [(kind, kind, 20) for kind in run.kinds] + [("invsfm", "sift", 20)] + [(kind, kind, 100) for kind in run.hundred]
     for title, place in SCENES.items():
-        for kind, k in [(kind, 20) for kind in run.kinds] + [(kind, 100) for kind in run.hundred]:
-            for row in remade(run, kind, kind, place, k):
-                pixels = [number(row[key], ".1f") for key in ("mean_px", "median_px")]
-                table.add([title, kind, k, NAMES.get(row["scheme"], row["scheme"]), ATTACKS[row["attack"]], *pixels, *quality(row)])
+        for network, kind, k in cases:
+            name = kind if network == kind else f"{kind}, InvSfM's form"
+            for limit, attack in [(run.limit, "closed-form"), *([(run.slow, "graph")] if network == kind and k == 20 else [])]:
+                found = remade(run, network, kind, place, k, limit, attack)
+                for row in found["summary"]:
+                    if attack == "graph" and row["attack"] != "graph" and row["scheme"] != "points":
+                        continue
+                    pixels = [number(row[key], ".1f") for key in ("mean_px", "median_px")]
+                    table.add([title, name, k, NAMES.get(row["scheme"], row["scheme"]), ATTACKS[row["attack"]], found["images"], *pixels, *quality(row)])
 
 
 def keypoints_of(run, place: str, kind: str) -> Path:
@@ -85,7 +92,7 @@ def keypoints_of(run, place: str, kind: str) -> Path:
                     "--max-keypoints", 1024)  # fmt: skip
 
 
-@command("inversion/inputs.csv", needs=TRAINED, kinds=["compact", "sift", "xfeat", "alike-t"], **NETWORKS)
+@command("inversion/inputs.csv", needs=TRAINED, kinds=KINDS, **NETWORKS)
 def inputs(run):
     """What a network needs of a keypoint: its position, its colour, its descriptor, of each kind. All queries; kinds without a network are left out."""
     sys.path.append(str(ROOT / "research/train"))
@@ -341,7 +348,7 @@ def scores(made, true) -> list[str]:
     return [f"{statistics.mean(psnr):.2f}", f"{statistics.mean(ssim):.3f}"]
 
 
-@command("inversion/patches.csv", needs="PyTorch", kinds=["compact", "sift", "xfeat", "alike-t"])
+@command("inversion/patches.csv", needs="PyTorch", kinds=KINDS)
 def patches(run):
     """Patches made of single descriptors: by a network, and by the most similar descriptor of other photographs."""
     parts = images_of(run)

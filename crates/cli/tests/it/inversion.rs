@@ -55,8 +55,7 @@ fn images_are_reconstructed_and_compared() {
     ] {
         assert!(document.contains(field), "{field} {document}");
     }
-    let judged =
-        "--perceptual data/image_metrics/distance.onnx --classifier data/image_metrics/classifier.onnx";
+    let judged = "--perceptual data/image_metrics/distance.onnx --classifier data/image_metrics/classifier.onnx --attacks closed-form";
     run(folder, &format!("{eval} --show 0 {judged} --report bare.html --json rows.json")).expect("evaluated");
     let page = text("bare.html");
     assert!(!page.contains("data:image") && page.contains("ST-LPIPS</th>") && page.contains("Recognised,"));
@@ -67,6 +66,7 @@ fn images_are_reconstructed_and_compared() {
     {
         assert!(document.contains(field), "{field} {document}");
     }
+    assert!(document.contains("\"closed-form\"") && !document.contains("\"graph\""), "{document}");
 }
 
 #[test]
@@ -82,6 +82,7 @@ fn unusable_networks_are_named() {
         ("--network data/learned/plain.toml --features compact", "plain.toml", "--features sift"),
         ("--network data/learned/plain.toml --classifier image-1.png", "image-1.png", "cannot be used"),
         ("--network data/learned/plain.toml --perceptual gone.onnx", "gone.onnx", "cannot read"),
+        ("--network data/learned/plain.toml --attacks layout", "--attacks", "use one of prior"),
     ] {
         let features = if words.contains("--features") { "" } else { "--features sift" };
         let refused = run(folder, &format!("eval inversion image-1.png --schemes dcl {features} {words}"))

@@ -33,7 +33,8 @@ pub trait Extractor: Send + Sync {
     fn support_radius(&self) -> f64;
 
     /// Radius of a descriptor's window, as a multiple of the keypoint's scale, whether or not an image's border would
-    /// show: keypoints whose window touches a mask are dropped. By default [`Self::support_radius`].
+    /// show: keypoints whose window touches a mask are dropped. By default [`Self::support_radius`]. Networks also depend
+    /// on pixels farther away, which under a mask are its continuation.
     fn receptive_field(&self) -> f64 {
         self.support_radius()
     }

@@ -8,7 +8,7 @@ use veiloc_evaluation::attack_evaluation::inversion::{
     evaluate_inversion, evaluation_table,
 };
 use veiloc_evaluation::attack_evaluation::{
-    AttackEvaluation, MeasuredKeypoints, PrivateRegion, ServerKnowledge,
+    Attack, AttackEvaluation, MeasuredKeypoints, PrivateRegion, ServerKnowledge,
 };
 use veiloc_evaluation::report::inversion_page;
 use veiloc_protocol::{ExtractionLimits, Scheme};
@@ -49,6 +49,9 @@ pub(crate) struct Args {
     /// Schemes, in the order of the table. Default: all.
     #[arg(long, value_delimiter = ',', value_name = "SCHEME,…", value_parser = Scheme::of_tables)]
     schemes: Vec<Scheme>,
+    /// Attacks with true neighbours, as in `veiloc attack`; `graph` takes up to a minute an image.
+    #[arg(long, value_delimiter = ',', default_value = "closed-form,graph", value_name = "ATTACK,…")]
+    attacks: Vec<Attack>,
     /// Keypoints of other scenes, as written by `eval keypoints`: the attacker learns neighbours from them.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     train: Vec<PathBuf>,
@@ -153,6 +156,7 @@ pub(super) fn run(args: &Args, ui: &Ui) -> Outcome {
         }),
         attack: AttackEvaluation {
             schemes: if args.schemes.is_empty() { Scheme::ALL.to_vec() } else { args.schemes.clone() },
+            attacks: args.attacks.clone(),
             positions: args.positions.clone(),
             k: args.k as usize,
             seed: args.seed,

@@ -38,7 +38,7 @@
 //! interpolation = "linear"          # or "cubic"
 //! grid = "centers"                  # position of cells: "centers", "corners", "superpoint", "xfeat"
 //! length = 512                      # of a vector in byte units; default: 32 times the root of `numbers`
-//! receptive_field = 32                        # radius of a descriptor's window, pixels
+//! receptive_field = 32              # keypoints nearer than this to a mask are dropped, pixels
 //!
 //! [projection]                      # of the descriptors to numbers of 4 bits; optional
 //! file = "mine.bin"                 # beside this file, from `study features projection`, or built in (`projections/`)

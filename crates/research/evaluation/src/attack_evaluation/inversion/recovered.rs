@@ -15,8 +15,6 @@ use super::column::{Column, Input};
 use super::run::InversionEvaluation;
 use crate::EvalError;
 
-/// Attacks with true neighbours from the oracle; the prior-only baseline is always added.
-const WITH_ORACLE: [&str; 2] = ["closed-form", "graph"];
 /// Attacks that use the statistic, the network and the map.
 const WITH_STATISTIC: [&str; 2] = ["learned-prior", "closed-form-consensus"];
 const WITH_NETWORK: [&str; 1] = ["trained-positions"];
@@ -63,13 +61,7 @@ struct Attacked {
 }
 
 impl Attacked {
-    fn run(
-        stage: &str,
-        names: &[&str],
-        evaluation: AttackEvaluation,
-        progress: &dyn Progress,
-    ) -> Result<Self, EvalError> {
-        let attacks = names.iter().filter_map(|name| name.parse().ok()).collect();
+    fn run(stage: &str, evaluation: AttackEvaluation, progress: &dyn Progress) -> Result<Self, EvalError> {
         let mut answers: BTreeMap<_, Vec<RecoveredImage>> = BTreeMap::new();
         let mut record = |trial: &AttackTrial<'_>| {
             let key = (trial.context.scheme().to_string(), trial.attack.name);
@@ -80,7 +72,6 @@ impl Attacked {
                 measured: trial.context.sent.measured.clone(),
             });
         };
-        let evaluation = AttackEvaluation { attacks, ..evaluation };
         let document = evaluate_attacks(&evaluation, stage, progress, &mut record)?;
         Ok(Self { document, answers })
     }
@@ -107,7 +98,10 @@ pub(super) fn columns(
         positions: Vec::new(),
         ..inversion.attack.clone()
     };
-    let of = |stage, names: &[&str], evaluation| Attacked::run(stage, names, evaluation, progress);
+    let of = |stage, names: &[&str], evaluation: AttackEvaluation| {
+        let attacks = names.iter().filter_map(|name| name.parse().ok()).collect();
+        Attacked::run(stage, AttackEvaluation { attacks, ..evaluation }, progress)
+    };
     let mut without_oracle = Vec::new();
     if !inversion.train.is_empty() {
         let neighbours = NeighbourSource::Predicted { train: inversion.train.clone() };
@@ -129,7 +123,8 @@ pub(super) fn columns(
         of("Attacking as a server", &OF_SERVER, evaluation)
     });
     let of_server = of_server.transpose()?;
-    let with_oracle = of("Attacking with true neighbours", &WITH_ORACLE, with_oracle)?;
+    let with_oracle = Attacked::run("Attacking with true neighbours", with_oracle, progress)?;
+    let others = inversion.attack.attacks.iter().filter(|attack| **attack != Attack::PRIOR);
     let mut columns = Vec::new();
     for scheme in &inversion.attack.schemes {
         let name = scheme.to_string();
@@ -138,8 +133,8 @@ pub(super) fn columns(
         };
         let exact = || images.iter().map(RecoveredImage::exact).collect();
         push("none", None, (!scheme.hides_positions()).then(exact), Input::Positions);
-        for attack in [Attack::PRIOR.name].into_iter().chain(WITH_ORACLE) {
-            push(attack, None, with_oracle.recovered(&name, attack), Input::Positions);
+        for attack in [&Attack::PRIOR].into_iter().chain(others.clone()) {
+            push(attack.name, None, with_oracle.recovered(&name, attack.name), Input::Positions);
         }
         if let Some((best, images)) = best_attack(&without_oracle, &name) {
             push("realistic", Some(best.to_string()), Some(images), Input::Positions);

@@ -35,8 +35,8 @@ pub struct InversionEvaluation<'a> {
     pub keypoints: Vec<KeypointImage>,
     /// What a server knows that has localized these keypoints; `None`: no such attacks.
     pub server: Option<ServerKnowledge>,
-    /// Schemes in the order of the table, position networks, neighbours per keypoint, and the seed of obfuscation and
-    /// attacks; the attackers set the rest.
+    /// Schemes and attacks with true neighbours in the order of the table, position networks, neighbours per keypoint, and
+    /// the seed of obfuscation and attacks; the attackers set the rest.
     pub attack: AttackEvaluation,
     /// Keypoint files of other scenes: training data of the statistic of descriptor co-occurrence.
     pub train: Vec<PathBuf>,

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use veiloc_datasets::problem_files::KeypointImage;
 use veiloc_evaluation::EvalError;
-use veiloc_evaluation::attack_evaluation::AttackEvaluation;
 use veiloc_evaluation::attack_evaluation::inversion::{
     Classifier, ContactSheet, ImageMetrics, InversionDocument, InversionEvaluation, InversionNetwork,
     PerceptualDistance, SummaryRow, evaluate_inversion, evaluation_table,
 };
+use veiloc_evaluation::attack_evaluation::{Attack, AttackEvaluation};
 use veiloc_features::{Compact, Extractor, Sift};
 use veiloc_protocol::{ExtractionLimits, Scheme};
 
@@ -53,6 +53,7 @@ fn evaluation<'a>(
         server: None,
         attack: AttackEvaluation {
             schemes: vec![Scheme::Points, Scheme::RandomLines, Scheme::default()],
+            attacks: vec![Attack::CLOSED_FORM, Attack::GRAPH],
             k: 10,
             seed: 3,
             ..AttackEvaluation::default()
