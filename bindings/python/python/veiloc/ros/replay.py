@@ -14,6 +14,7 @@ from veiloc.ros import messages
 from veiloc.ros.bag import Bag, Picture
 from veiloc.ros.geometry import Matrix, Trajectory, angle_deg, inverse, pose
 from veiloc.ros.localizer import Frame, Localizer, MapServer, Outcome, Pace, Server, ServiceServer
+from veiloc.ros.made import Made
 
 SPREAD = 10**8
 """Longest time between the images of several cameras that are asked together, nanoseconds."""
@@ -47,38 +48,21 @@ class Replayed:
     def write_mcap(self, folder: Path) -> None:
         """Writes a bag with `/veiloc/pose` (`PoseWithCovarianceStamped` of the trusted answers) and `/tf` (`map → odom`)."""
         from rosbags.rosbag2 import StoragePlugin, Writer
-        from rosbags.typesys import Stores, get_typestore
 
-        store = get_typestore(Stores.ROS2_HUMBLE)
-        t = store.types
-
-        def stamped(stamp: int) -> Any:
-            time = t["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-            return t["std_msgs/msg/Header"](stamp=time, frame_id="map")
-
-        def parts(transform: Matrix, kind: str) -> tuple[Any, Any]:
-            x, y, z, w = (float(c) for c in pose(transform).xyzw)
-            px, py, pz = (float(c) for c in transform[:3, 3])
-            return t[f"geometry_msgs/msg/{kind}"](x=px, y=py, z=pz), t["geometry_msgs/msg/Quaternion"](x=x, y=y, z=z, w=w)
-
+        made = Made()
+        store, t = made.store, made.types
         kinds = {"/veiloc/pose": "geometry_msgs/msg/PoseWithCovarianceStamped", "/tf": "tf2_msgs/msg/TFMessage"}
         odometry = dict(self.odometry)
         with Writer(folder, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
             connections = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in kinds.items()}
             for outcome in self.outcomes:
                 if outcome.state == "trusted" and outcome.map_from_base is not None and outcome.covariance is not None:
-                    position, orientation = parts(outcome.map_from_base, "Point")
-                    value = t["geometry_msgs/msg/PoseWithCovariance"](
-                        pose=t["geometry_msgs/msg/Pose"](position=position, orientation=orientation), covariance=outcome.covariance.ravel()
-                    )
-                    message = t[kinds["/veiloc/pose"]](header=stamped(outcome.stamp), pose=value)
+                    value = t["geometry_msgs/msg/PoseWithCovariance"](pose=made.pose(outcome.map_from_base), covariance=outcome.covariance.ravel())
+                    message = t[kinds["/veiloc/pose"]](header=made.header(outcome.stamp, "map"), pose=value)
                     writer.write(connections["/veiloc/pose"], outcome.stamp, store.serialize_cdr(message, kinds["/veiloc/pose"]))
             for stamp, map_from_base in self.corrected:
                 if map_from_base is not None:
-                    translation, rotation = parts(map_from_base @ inverse(odometry[stamp]), "Vector3")
-                    moved = t["geometry_msgs/msg/Transform"](translation=translation, rotation=rotation)
-                    entry = t["geometry_msgs/msg/TransformStamped"](header=stamped(stamp), child_frame_id="odom", transform=moved)
-                    message = t[kinds["/tf"]](transforms=[entry])
+                    message = made.tf(stamp, "map", "odom", map_from_base @ inverse(odometry[stamp]))
                     writer.write(connections["/tf"], stamp, store.serialize_cdr(message, kinds["/tf"]))
 
 

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 import veiloc
-from veiloc.ros.geometry import Matrix, Trajectory, inverse, matrix, pose
+from veiloc.ros.geometry import Matrix, Trajectory, inverse, matrix
+from veiloc.ros.made import Made
 
 BASE_FROM_CAM = matrix([0.1, 0.0, 0.3], [-0.5, 0.5, -0.5, 0.5])
 """The camera looks along the robot's x axis, 30 cm above its base (REP 103: `x` forward, `z` up; optical frames `z` forward, `y` down)."""
@@ -60,7 +61,6 @@ def write_walk(
         `images`, `metres` (of the path), `seconds`, `down`.
     """
     from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
 
     listed = list(veiloc.read_posed(posed, images)[0] if isinstance(posed, (str, Path)) else posed)
     listed.sort(key=lambda entry: entry[0])
@@ -71,30 +71,9 @@ def write_walk(
     stamps = {name: 1_700_000_000 * 10**9 + round(1e9 * k / rate) for k, (name, _, _) in enumerate(listed)}
     truth = [(stamps[name], to_map @ cam_from_world.inverse().matrix @ cam_from_base) for name, _, cam_from_world in listed]
     odometry, path = _drifted(truth, drift, drift_deg)
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    types = store.types
+    made = Made()
+    store, types = made.store, made.types
     between = Trajectory(odometry, max_gap=10.0)
-
-    def header(stamp: int, frame: str) -> Any:
-        time = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-        return types["std_msgs/msg/Header"](stamp=time, frame_id=frame)
-
-    def parts(transform: Matrix, point: str) -> tuple[Any, Any]:
-        x, y, z, w = (float(c) for c in pose(transform).xyzw)
-        quaternion = types["geometry_msgs/msg/Quaternion"](x=x, y=y, z=z, w=w)
-        px, py, pz = (float(c) for c in transform[:3, 3])
-        return types[f"geometry_msgs/msg/{point}"](x=px, y=py, z=pz), quaternion
-
-    def pose_message(transform: Matrix) -> Any:
-        position, orientation = parts(transform, "Point")
-        return types["geometry_msgs/msg/Pose"](position=position, orientation=orientation)
-
-    def tf_message(stamp: int, parent: str, child: str, transform: Matrix) -> Any:
-        translation, rotation = parts(transform, "Vector3")
-        moved = types["geometry_msgs/msg/Transform"](translation=translation, rotation=rotation)
-        return types["tf2_msgs/msg/TFMessage"](
-            transforms=[types["geometry_msgs/msg/TransformStamped"](header=header(stamp, parent), child_frame_id=child, transform=moved)]
-        )
 
     plugin = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}[storage]
     kinds = {
@@ -116,7 +95,7 @@ def write_walk(
             writer.write(connections[topic], stamp, store.serialize_cdr(message, kinds[topic]))
 
         start, end = truth[0][0], truth[-1][0]
-        write("/tf_static", start, tf_message(start, "base_link", "camera_optical", BASE_FROM_CAM))
+        write("/tf_static", start, made.tf(start, "base_link", "camera_optical", BASE_FROM_CAM))
         zero36 = np.zeros(36)
         still = types["geometry_msgs/msg/Vector3"](x=0.0, y=0.0, z=0.0)
         twist = types["geometry_msgs/msg/TwistWithCovariance"](
@@ -128,21 +107,21 @@ def write_walk(
         for stamp in sorted({*range(start, end + 1, 50_000_000), *stamps.values()}):
             odom_from_base = between.at(stamp)
             assert odom_from_base is not None
-            covariance = types["geometry_msgs/msg/PoseWithCovariance"](pose=pose_message(odom_from_base), covariance=zero36)
+            covariance = types["geometry_msgs/msg/PoseWithCovariance"](pose=made.pose(odom_from_base), covariance=zero36)
             odometer = types["nav_msgs/msg/Odometry"](
-                header=header(stamp, "odom"), child_frame_id="base_link", pose=covariance, twist=twist
+                header=made.header(stamp, "odom"), child_frame_id="base_link", pose=covariance, twist=twist
             )
             write("/odom", stamp, odometer)
-            write("/tf", stamp, tf_message(stamp, "odom", "base_link", odom_from_base))
+            write("/tf", stamp, made.tf(stamp, "odom", "base_link", odom_from_base))
             if stamp in true_at:
-                true = types["geometry_msgs/msg/PoseStamped"](header=header(stamp, "map"), pose=pose_message(true_at[stamp]))
+                true = types["geometry_msgs/msg/PoseStamped"](header=made.header(stamp, "map"), pose=made.pose(true_at[stamp]))
                 write("/ground_truth", stamp, true)
             if stamp in images_at:
                 name, camera = images_at[stamp]
                 data = np.frombuffer((Path(images) / name).read_bytes(), np.uint8)
                 form = "jpeg" if data[:2].tobytes() == b"\xff\xd8" else "png"
-                write("/camera/camera_info", stamp, _camera_info(types, header(stamp, "camera_optical"), camera))
-                picture = types["sensor_msgs/msg/CompressedImage"](header=header(stamp, "camera_optical"), format=form, data=data)
+                write("/camera/camera_info", stamp, _camera_info(types, made.header(stamp, "camera_optical"), camera))
+                picture = types["sensor_msgs/msg/CompressedImage"](header=made.header(stamp, "camera_optical"), format=form, data=data)
                 write("/camera/image_raw/compressed", stamp, picture)
     return {"images": len(images_at), "metres": path, "seconds": 1e-9 * (end - start), "down": [float(c) for c in np.asarray(down)]}
 
