@@ -149,7 +149,7 @@ async function maskedInPage(view) {
   const sealer = await device.sealer();
   const count = async (pixels, facts) => (await sealer.extract(pixels, view.camera, facts)).keypoints;
   const counts = [await count(image), await count(image, { mask }), await count(other, { mask })];
-  const refused = await sealer.extract(image, view.camera, { mask: { ...mask, kind: "nobody" } }).catch((error) => error.kind);
+  const refused = await sealer.extract(image, view.camera, { mask: { ...mask, kind: "unknown" } }).catch((error) => error.kind);
   device.close();
   return { counts, refused };
 }

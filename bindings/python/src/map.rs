@@ -15,8 +15,8 @@ use veiloc_mapping::build_cache::FolderCache;
 use veiloc_mapping::calibration::{SelfTestOptions, SelfTestTrial, chosen, self_test, trials};
 use veiloc_mapping::structure_from_motion::{SfmOptions, reconstruct};
 use veiloc_mapping::{
-    BuildOptions, FinishOptions, Input, MapWarning, OnOtherCoordinateFrame, VocabularyUpdate, finish,
-    finish_tested,
+    BuildOptions, FinishOptions, Input, MapWarning, MaskFacts, OnOtherCoordinateFrame, VocabularyUpdate,
+    finish, finish_tested,
 };
 use veiloc_protocol::SealedQuery;
 
@@ -124,7 +124,14 @@ impl Map {
             if let Some(names) = &names {
                 input = input.with_names(names);
             }
+            let mut remarks = posed.remarks().to_vec();
             if let Some(masks) = &masks {
+                let all = posed.images().iter().map(|image| image.name.as_str());
+                let facts = match &names {
+                    Some(names) => MaskFacts::of(masks, names.iter().map(String::as_str)),
+                    None => MaskFacts::of(masks, all),
+                }?;
+                remarks.extend(facts.doubt());
                 input = input.with_masks(masks);
             }
             let cache = work.as_deref().map(|folder| FolderCache::in_folder(folder, &options)).transpose();
@@ -139,7 +146,7 @@ impl Map {
             Self::finished(
                 model,
                 report.warnings,
-                posed.remarks(),
+                &remarks,
                 FinishOptions { self_test, keep_broken },
                 progress,
             )

@@ -161,7 +161,7 @@ fn nothing_under_a_mask_is_sent() {
         "none"
     );
     for (mask, labels, part) in [
-        (masked("nobody", json!({})), labels.clone(), "nobody"),
+        (masked("unknown", json!({})), labels.clone(), "unknown"),
         (masked("marked", json!({"margin": -1.0})), labels.clone(), "margin"),
         (masked("marked", json!({})), labels[..700].to_vec(), "700"),
         (masked("marked", json!({})), vec![1; 32 * 24], "hides the whole image"),

@@ -228,7 +228,7 @@ fn nothing_under_a_mask_gets_into_a_map() {
             *pixel = image::Rgb([(x * 37) as u8, (y * 91) as u8, (x * y) as u8]);
         }
         save(scene, &format!("visited/{name}"), image);
-        // One image has no mask, and shows nobody.
+        // One image has no mask, and shows no person.
         if *name == names[0] {
             std::fs::copy(scene.path(format!("images/{name}")), scene.path(format!("visited/{name}")))
                 .expect("copied");

@@ -35,6 +35,14 @@ pub enum MappingError {
         /// Number of mapped images.
         images: usize,
     },
+    /// No image has a mask in the folder of masks.
+    #[error("{}: no image has a mask there; the mask of the first is {}", folder.display(), expected.display())]
+    NoMasks {
+        /// The folder.
+        folder: PathBuf,
+        /// The mask of the first image.
+        expected: PathBuf,
+    },
     /// Images cannot be used.
     #[error("{0}")]
     BadImages(BadImages),

@@ -82,6 +82,7 @@ pub use error::MappingError;
 pub use input::bad_image::{BadImage, BadImages, BadReason, SkippedImages};
 pub use input::cache::{BuildCache, ExtractedFeatures, FeatureRequest};
 pub use input::image_names::{NameIndex, image_file, mask_file};
+pub use input::masks::MaskFacts;
 pub use input::options::BuildOptions;
 pub use input::{Input, OnBadImage, OnOtherCoordinateFrame};
 pub use progress::Progress;

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from veiloc import CameraPose, InputError
+from veiloc import CameraPose
 
 Matrix = npt.NDArray[np.float64]
 
@@ -187,14 +187,3 @@ class Transforms:
         if from_source is None or from_target is None:
             return None
         return inverse(from_target) @ from_source
-
-
-def finite(transform: Matrix, what: str) -> Matrix:
-    """The transform, if all of its numbers are finite.
-
-    Raises:
-        InputError: they are not.
-    """
-    if not np.isfinite(transform).all():
-        raise InputError(f"{what}: a number is not finite")
-    return transform

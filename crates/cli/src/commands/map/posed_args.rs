@@ -2,11 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use veiloc_features::{FeatureError, load_mask};
 use veiloc_map::{GravityDirection, PosedImages};
 use veiloc_mapping::importers::poses::{pose_rig_images, read_rig_cameras};
 use veiloc_mapping::importers::ros_bag::{BagFrames, BagOptions, frames_of_bag, is_bag};
-use veiloc_mapping::{Input, OnBadImage, mask_file};
+use veiloc_mapping::{Input, MaskFacts, OnBadImage};
 
 use super::sfm::SfmModels;
 use crate::commands::posed::{read_posed_input, warn_of};
@@ -72,11 +71,6 @@ impl BadImageArgs {
     }
 }
 
-/// Masks that are looked at before a build.
-const SAMPLED_MASKS: usize = 25;
-/// Share of an image that masks of people seldom hide.
-const DOUBTED_SHARE: f64 = 0.6;
-
 /// The data that [`PosedArgs`] names.
 pub(super) struct PosedInput<'a> {
     pub(super) images: PosedImages,
@@ -109,6 +103,13 @@ impl PosedArgs {
             return Err(Failure::with_help(
                 "--python is for images without poses and for bags, and --posed gives poses",
                 "leave it out",
+            ));
+        }
+        // Computing poses takes long.
+        if let Some(masks) = self.masks.as_deref().filter(|masks| !masks.is_dir()) {
+            return Err(Failure::with_help(
+                format!("{}: there is no such folder", masks.display()),
+                "give the folder of the masks, or leave out --masks",
             ));
         }
         let names = self.list.as_deref().map(lists::read_list).transpose()?;
@@ -184,33 +185,11 @@ impl PosedInput<'_> {
     /// No image has one, or one cannot be read.
     pub(super) fn check_masks(&self, ui: &Ui) -> Result<(), Failure> {
         let Some(folder) = &self.args.masks else { return Ok(()) };
-        let names: Vec<&str> = self.names().collect();
-        let files: Vec<PathBuf> =
-            names.iter().map(|name| mask_file(folder, name)).filter(|file| file.exists()).collect();
-        if let Some(first) = names.first().filter(|_| files.is_empty()) {
-            return Err(Failure::with_help(
-                format!("{}: no image has a mask there", folder.display()),
-                format!("the mask of {first} is {}", mask_file(folder, first).display()),
-            ));
-        }
-        ui.info(format_args!("{}: {} of {} images have a mask", folder.display(), files.len(), names.len()));
-        let mut shares = Vec::new();
-        for file in files.iter().step_by(files.len().div_ceil(SAMPLED_MASKS).max(1)) {
-            match load_mask(file) {
-                Ok(mask) => shares.push(mask.share()),
-                Err(FeatureError::HidesNothing { .. }) => shares.push(0.0),
-                Err(error) => return Err(Failure::refused(error)),
-            }
-        }
-        shares.sort_by(f64::total_cmp);
-        let median = shares.get(shares.len() / 2).copied().unwrap_or_default();
-        if median > DOUBTED_SHARE {
-            ui.warn(format_args!(
-                "warning: {}: the masks hide {:.0} % of an image in the median. Black hides; if white marks people in them, \
-                 invert them",
-                folder.display(),
-                100.0 * median
-            ));
+        let facts = MaskFacts::of(folder, self.names())?;
+        let of = self.names().count();
+        ui.info(format_args!("{}: {} of {of} images have a mask", folder.display(), facts.masks));
+        if let Some(doubt) = facts.doubt() {
+            ui.warn(format_args!("warning: {}: {doubt}", folder.display()));
         }
         Ok(())
     }

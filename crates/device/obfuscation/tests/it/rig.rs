@@ -136,7 +136,7 @@ fn a_session_with_new_anchors_may_be_sent_together() {
     let message = sealed(1, ("dcl:paper", 0.1), 40.0, &mut own, |_| 0);
     assert!(own[0].starts() > 1);
     assert_eq!(message.check_anchors(), Ok(()));
-    // From bytes, it is told by the name of its session.
+    // From bytes, the name of its session says it.
     let mut read = received(&message);
     assert!(read.check_anchors().is_err());
     let tag: SessionTag = own[0].tag().to_string().parse().expect("its own text");

@@ -4,6 +4,7 @@ pub(crate) mod bad_image;
 pub(crate) mod cache;
 pub(crate) mod exif;
 pub(crate) mod image_names;
+pub(crate) mod masks;
 pub(crate) mod options;
 
 use std::collections::BTreeSet;
