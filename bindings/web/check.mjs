@@ -12,6 +12,7 @@ import { test } from "node:test";
 import { Client } from "./js/client.js";
 import { Core, VeilocError } from "./js/core.js";
 import { orientationOf, orientationOfPose } from "./js/orientation.js";
+import { Alignment, cameraImage, cameraOfView, poseOfView } from "./js/webxr.js";
 import { exifSegment } from "../../scripts/web/exif.mjs";
 
 const wasm = new WebAssembly.Module(readFileSync(new URL("./js/veiloc.wasm", import.meta.url)));
@@ -56,6 +57,55 @@ test("EXIF gives a camera for the decoded image", async () => {
     assert.deepEqual(camera(file, 640, 480), { camera: null, exif: false });
   }
 });
+
+/** The projection of a camera, as WebXR gives it: columns. */
+const projection = ([w, h], [fx, fy, cx, cy]) => [(2 * fx) / w, 0, 0, 0, 0, (2 * fy) / h, 0, 0, 1 - (2 * cx) / w, (2 * cy) / h - 1, -1.002, -1, 0, 0, -0.2, 0];
+
+test("the camera of a view projects as the view does", () => {
+  const camera = { width: 1080, height: 1920 };
+  const view = { camera, projectionMatrix: projection([1080, 1920], [1500, 1490, 530, 975]) };
+  const [model, ...numbers] = cameraOfView(view).split(",");
+  assert.equal(model, "PINHOLE");
+  [1080, 1920, 1500, 1490, 530, 975].forEach((expected, i) => assert.ok(Math.abs(numbers[i] - expected) < 1e-9, numbers));
+  // A point to the right, above and in front; pixels from the upper left corner.
+  const [x, y, z] = [0.3, 0.4, -2];
+  const p = view.projectionMatrix;
+  const clip = [0, 1, 3].map((row) => p[row] * x + p[4 + row] * y + p[8 + row] * z + p[12 + row]);
+  const pixel = [((1 + clip[0] / clip[2]) / 2) * 1080, ((1 - clip[1] / clip[2]) / 2) * 1920];
+  assert.ok(Math.abs(pixel[0] - (1500 * 0.15 + 530)) < 1e-9 && Math.abs(pixel[1] - (975 - 1490 * 0.2)) < 1e-9, pixel);
+  for (const wrong of [{ ...view, camera: null }, { ...view, projectionMatrix: p.with(4, 0.1) }, { ...view, projectionMatrix: p.with(11, 0) }, { ...view, projectionMatrix: p.with(0, NaN) }]) {
+    assert.throws(() => cameraOfView(wrong), (error) => error.kind === "camera");
+  }
+  const nothing = { getParameter() {}, createFramebuffer() {} };
+  assert.throws(() => cameraImage(nothing, { getCameraImage: () => null }, view), (error) => error.kind === "image");
+});
+
+test("an alignment places content after a trusted answer", async () => {
+  const alignment = new Alignment(await Core.load(wasm));
+  // The camera is 1 m right of where the session began and looks along −z; in the map it is at (2, 0, 0) and looks along z.
+  const pose = poseOfView({ transform: { position: new DOMPointLike(1, 0, 0), orientation: new DOMPointLike(0, 0, 0, 1) } });
+  const anchor = { position: { x: 2, y: 0, z: 3 }, orientation: { x: 0, y: 0, z: 0, w: 1 } };
+  const covariance = Array.from({ length: 6 }, (_, i) => Array.from({ length: 6 }, (_, j) => (i === j ? 1e-6 : 0)));
+  const answer = { state: "trusted", doubts: [], cam_from_world: { q: [1, 0, 0, 0], t: [-2, 0, 0] }, covariance, metres_per_unit: 1 };
+  assert.deepEqual([alignment.worldFromAnchor(anchor), alignment.cameraInMap(pose), alignment.state], [null, null, "searching"]);
+  assert.equal(alignment.add({ ...answer, metres_per_unit: null }, pose), "unknown-unit");
+  assert.equal(alignment.add(answer, pose), "used");
+  const { position: p } = alignment.worldFromAnchor(anchor);
+  assert.ok(Math.hypot(p.x - 1, p.y, p.z + 3) < 1e-9 && alignment.state === "tentative" && alignment.used === 1, JSON.stringify(p));
+  const { pose: { position: c } } = alignment.cameraInMap(pose);
+  assert.ok(Math.hypot(c.x - 2, c.y, c.z) < 1e-9);
+  assert.throws(() => alignment.moved({ ...pose, orientation: { x: 0, y: 0, z: 0, w: 0 } }), (error) => error.kind === "pose");
+  assert.throws(() => alignment.add({}, pose), (error) => error.kind === "option");
+  alignment.reset();
+  assert.equal(alignment.worldFromAnchor(anchor), null);
+});
+
+/** As WebXR's points, whose fields are getters. */
+class DOMPointLike {
+  constructor(...values) {
+    ["x", "y", "z", "w"].forEach((name, i) => Object.defineProperty(this, name, { get: () => values[i] }));
+  }
+}
 
 const { VEILOC_NATIVE: native, VEILOC_DATA: data } = process.env;
 test("EXIF cameras of photographs are those of the program", { skip: !(native && data) && "VEILOC_NATIVE or VEILOC_DATA is not set" }, async () => {

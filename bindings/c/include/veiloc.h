@@ -540,6 +540,15 @@ struct VeilocCamera veiloc_camera_pinhole(uint32_t width,
                                           double cx,
                                           double cy);
 
+// The camera of a part of the image, `width` x `height` pixels with its first pixel at column `x`, row `y`: for
+// passthrough cameras of headsets, whose smaller images are parts of the sensor's. `out` may be `camera`.
+enum VeilocStatus veiloc_camera_cropped(const struct VeilocCamera *camera,
+                                        uint32_t x,
+                                        uint32_t y,
+                                        uint32_t width,
+                                        uint32_t height,
+                                        struct VeilocCamera *out);
+
 // Makes a request that was not made yet. Free it after the calls that it was given to.
 enum VeilocStatus veiloc_cancellation_new(struct VeilocCancellation **out);
 
@@ -568,6 +577,12 @@ void veiloc_pack_free(struct VeilocPack *pack);
 // A pose from the columns of a 4 x 4 matrix: `simd_float4x4` of ARKit, `Pose.toMatrix` of ARCore, WebXR's `matrix`.
 enum VeilocStatus veiloc_pose_from_matrix(const double *columns,
                                           struct VeilocPose *out);
+
+// The pose of what is mounted on an object, such as the camera of a headset on the head: the pose of the object in the
+// world, and that of the mounted one in the object's axes (the lens offset). Both in the same axes and units.
+enum VeilocStatus veiloc_pose_composed(const struct VeilocPose *object,
+                                       const struct VeilocPose *mounted,
+                                       struct VeilocPose *out);
 
 // Reads a profile.
 enum VeilocStatus veiloc_profile_new(const uint8_t *bytes, size_t length, struct VeilocProfile **out);

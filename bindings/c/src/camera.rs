@@ -9,7 +9,7 @@ use veiloc_obfuscation::{KnownCamera, SealError};
 use veiloc_protocol::FocalKnowledge;
 
 use crate::pointers;
-use crate::status::{Failure, VeilocStatus};
+use crate::status::{Failure, VeilocStatus, guarded};
 
 /// Bytes of a pixel.
 #[repr(C)]
@@ -129,6 +129,31 @@ pub extern "C" fn veiloc_camera_pinhole(
     VeilocCamera { model, width, height, params, param_count: 4, focal: VeilocFocal::Calibrated as u32 }
 }
 
+/// The camera of a part of the image, `width` x `height` pixels with its first pixel at column `x`, row `y`: for
+/// passthrough cameras of headsets, whose smaller images are parts of the sensor's. `out` may be `camera`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn veiloc_camera_cropped(
+    camera: *const VeilocCamera,
+    x: u32,
+    y: u32,
+    width: u32,
+    height: u32,
+    out: *mut VeilocCamera,
+) -> VeilocStatus {
+    guarded(|| {
+        // SAFETY: the contract of the crate.
+        let whole = *unsafe { pointers::reference(camera, "camera") }?;
+        // SAFETY: as above.
+        let known = unsafe { whole.known() }?;
+        let part = known.intrinsics.cropped(x, y, width, height);
+        let part = part.map_err(|e| Failure::new(VeilocStatus::Argument, e))?;
+        let mut cropped = VeilocCamera { width, height, ..whole };
+        cropped.params[..part.model.params().len()].copy_from_slice(part.model.params());
+        // SAFETY: as above.
+        unsafe { pointers::give(out, cropped, "out") }
+    })
+}
+
 impl VeilocFrame {
     /// What its mask hides.
     ///
@@ -188,19 +213,28 @@ pub(crate) unsafe fn camera(
         let intrinsics = guess.map_err(SealError::from)?;
         return Ok(KnownCamera { intrinsics, focal: FocalKnowledge::Unknown });
     };
-    let argument = |text: String| Failure::new(VeilocStatus::Argument, text);
     // SAFETY: as above.
-    let model = unsafe { pointers::text(camera.model, "camera.model") }?;
-    let model = model.ok_or_else(|| argument("camera.model is null".to_owned()))?;
-    let params = camera.params.get(..camera.param_count as usize);
-    let params = params.ok_or_else(|| argument("camera.param_count is above 16".to_owned()))?;
-    let intrinsics = Intrinsics::new(model, camera.width, camera.height, params)
-        .map_err(|e| Failure::new(VeilocStatus::Image, e))?;
-    let focal = match camera.focal {
-        0 => FocalKnowledge::Calibrated,
-        1 => FocalKnowledge::Exif,
-        2 => FocalKnowledge::Unknown,
-        other => return Err(argument(format!("camera.focal is {other}"))),
-    };
-    Ok(KnownCamera { intrinsics, focal })
+    unsafe { camera.known() }
+}
+
+impl VeilocCamera {
+    /// # Safety
+    /// The model's name is null or valid.
+    unsafe fn known(&self) -> Result<KnownCamera, Failure> {
+        let argument = |text: String| Failure::new(VeilocStatus::Argument, text);
+        // SAFETY: the caller guarantees it.
+        let model = unsafe { pointers::text(self.model, "camera.model") }?;
+        let model = model.ok_or_else(|| argument("camera.model is null".to_owned()))?;
+        let params = self.params.get(..self.param_count as usize);
+        let params = params.ok_or_else(|| argument("camera.param_count is above 16".to_owned()))?;
+        let intrinsics = Intrinsics::new(model, self.width, self.height, params)
+            .map_err(|e| Failure::new(VeilocStatus::Image, e))?;
+        let focal = match self.focal {
+            0 => FocalKnowledge::Calibrated,
+            1 => FocalKnowledge::Exif,
+            2 => FocalKnowledge::Unknown,
+            other => return Err(argument(format!("camera.focal is {other}"))),
+        };
+        Ok(KnownCamera { intrinsics, focal })
+    }
 }

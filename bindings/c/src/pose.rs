@@ -91,3 +91,22 @@ pub unsafe extern "C" fn veiloc_pose_from_matrix(columns: *const f64, out: *mut 
         unsafe { pointers::give(out, pose.into(), "out") }
     })
 }
+
+/// The pose of what is mounted on an object, such as the camera of a headset on the head: the pose of the object in the
+/// world, and that of the mounted one in the object's axes (the lens offset). Both in the same axes and units.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn veiloc_pose_composed(
+    object: *const VeilocPose,
+    mounted: *const VeilocPose,
+    out: *mut VeilocPose,
+) -> VeilocStatus {
+    guarded(|| {
+        // SAFETY: the contract of the crate.
+        let object = unsafe { pointers::reference(object, "object") }?.framework();
+        // SAFETY: as above.
+        let mounted = unsafe { pointers::reference(mounted, "mounted") }?.framework();
+        let composed = object.composed(&mounted).ok_or_else(no_pose)?;
+        // SAFETY: as above.
+        unsafe { pointers::give(out, composed.into(), "out") }
+    })
+}

@@ -105,6 +105,30 @@ pub fn pinhole_camera(width: u32, height: u32, fx: f64, fy: f64, cx: f64, cy: f6
     Camera { model, width, height, params, focal: Focal::Calibrated }
 }
 
+/// The camera of a part of the image, `width` × `height` pixels with its first pixel at column `x`, row `y`: for
+/// passthrough cameras of headsets, whose smaller images are parts of the sensor's.
+///
+/// # Errors
+/// [`VeilocException::Argument`] when the part is empty or not within the image.
+#[uniffi::export]
+pub fn cropped_camera(
+    camera: Camera,
+    x: u32,
+    y: u32,
+    width: u32,
+    height: u32,
+) -> Result<Camera, VeilocException> {
+    let part = camera.intrinsics()?.cropped(x, y, width, height).map_err(VeilocException::argument)?;
+    Ok(Camera { width, height, params: part.model.params().to_vec(), ..camera })
+}
+
+impl Camera {
+    fn intrinsics(&self) -> Result<Intrinsics, VeilocException> {
+        let intrinsics = Intrinsics::new(&self.model, self.width, self.height, &self.params);
+        intrinsics.map_err(|e| VeilocException::Image(e.to_string()))
+    }
+}
+
 impl Mask {
     /// What it hides of a frame.
     pub(crate) fn hidden(
@@ -145,14 +169,13 @@ pub(crate) fn known_camera(
     camera: Option<Camera>,
     layout: FrameLayout,
 ) -> Result<KnownCamera, VeilocException> {
-    let Some(Camera { model, width, height, params, focal }) = camera else {
+    let Some(camera) = camera else {
         let guess = guessed_camera_of("the frame".as_ref(), (layout.width, layout.height));
         let intrinsics = guess.map_err(SealError::from)?;
         return Ok(KnownCamera { intrinsics, focal: FocalKnowledge::Unknown });
     };
-    let intrinsics = Intrinsics::new(&model, width, height, &params);
-    let intrinsics = intrinsics.map_err(|e| VeilocException::Image(e.to_string()))?;
-    let focal = match focal {
+    let intrinsics = camera.intrinsics()?;
+    let focal = match camera.focal {
         Focal::Calibrated => FocalKnowledge::Calibrated,
         Focal::Exif => FocalKnowledge::Exif,
         Focal::Unknown => FocalKnowledge::Unknown,

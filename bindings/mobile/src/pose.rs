@@ -96,6 +96,17 @@ pub(crate) fn no_pose() -> VeilocException {
     VeilocException::argument("the pose has a rotation of zero, or a number that is not finite")
 }
 
+/// The pose of what is mounted on an object, such as the camera of a headset on the head: the pose of the object in the
+/// world, and that of the mounted one in the object's axes (the lens offset). Both in the same axes and units.
+///
+/// # Errors
+/// [`VeilocException::Argument`] for a pose that is no rotation.
+#[uniffi::export]
+pub fn composed_pose(object: Pose, mounted: Pose) -> Result<Pose, VeilocException> {
+    let composed = FrameworkPose::from(object).composed(&mounted.into());
+    Ok(composed.ok_or_else(no_pose)?.into())
+}
+
 /// A pose from the columns of a 4 × 4 matrix, 16 numbers: `simd_float4x4` of ARKit, `Pose.toMatrix` of ARCore.
 ///
 /// # Errors

@@ -86,3 +86,20 @@ pub(crate) fn undistort<'py>(
     let pixels = undistorted(&camera_of(camera)?, arrays::pixels("points2d", points2d)?)?;
     Ok(arrays::matrix(py, pixels.iter().map(|p| [p.u, p.v]))?)
 }
+
+/// The camera of a part of an image, with its first pixel at column `x`, row `y`: for passthrough cameras of headsets,
+/// whose smaller images are parts of the sensor's.
+///
+/// Raises:
+///     InputError: the part is empty or not within the image, or the camera is invalid.
+#[pyfunction]
+pub(crate) fn cropped_camera<'py>(
+    py: Python<'py>,
+    camera: &Bound<'py, PyAny>,
+    x: u32,
+    y: u32,
+    width: u32,
+    height: u32,
+) -> Result<Bound<'py, PyDict>> {
+    Ok(dictionary(py, &camera_of(camera)?.cropped(x, y, width, height)?)?)
+}

@@ -54,7 +54,7 @@ mod _native {
     #[pymodule_export]
     use crate::client::Client;
     #[pymodule_export]
-    use crate::colmap::{ColmapModel, undistort};
+    use crate::colmap::{ColmapModel, cropped_camera, undistort};
     #[pymodule_export]
     use crate::device::{describe_query, device_limits, extract, obfuscate};
     #[pymodule_export]

@@ -59,6 +59,13 @@ def test_points_match_opencv(seed):
     assert max(pose.error(theirs)) < 0.02
     flat = cv2.undistortPoints(pixels[:, None], p.K, distortion, P=p.K).reshape(-1, 2)
     assert np.abs(veiloc.undistort(pixels, camera) - flat).max() < 0.05
+    # A part of the image, as OpenCV's cameras take it: the principal point moves.
+    part = veiloc.cropped_camera(camera, 100, 40, 400, 300)
+    moved = p.K - [[0, 0, 100], [0, 0, 40], [0, 0, 0]]
+    inside = cv2.undistortPoints(pixels[:, None] - [100, 40], moved, distortion, P=moved).reshape(-1, 2)
+    assert np.abs(veiloc.undistort(pixels - [100, 40], part) - inside).max() < 0.05
+    with pytest.raises(veiloc.InputError, match="not within the image of 640 x 480"):
+        veiloc.cropped_camera(camera, 300, 0, 400, 300)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -108,8 +108,45 @@ export interface Device {
    * `anchors`: the frame in which the anchors are fixed, `world` (default), `gravity` or `image`.
    */
   session(options?: { anchors?: "world" | "gravity" | "image"; bytes?: Uint8Array }): Promise<Session>;
+  /**
+   * Begins an alignment of an AR world with the map; it runs in the calling thread. `metresPerUnit`: of the map; default: as the answers
+   * state it.
+   */
+  alignment(options?: { metresPerUnit?: number }): Promise<Alignment>;
   /** Terminates the workers and discards their state. */
   close(): void;
+}
+
+/** A pose as WebXR states it, also an `XRRigidTransform`: y up, cameras look along −z, metres. */
+export interface Pose {
+  readonly position: { readonly x: number; readonly y: number; readonly z: number };
+  readonly orientation: { readonly x: number; readonly y: number; readonly z: number; readonly w: number };
+}
+
+/** Answers of one AR session, and the transform from the map to its world that most of them agree on. */
+export interface Alignment {
+  /** `tentative`: no two answers agree; content may be shown, and may move. */
+  readonly state: "searching" | "tentative" | "aligned";
+  /** Answers that the transform is the average of. */
+  readonly used: number;
+  /** Trusted answers that contradict it. */
+  readonly contradicting: number;
+  /** Whether distances between answers are those of the AR world; `differs`: check the unit of the map and the focal length. */
+  readonly distances: "unknown" | "agrees" | "differs";
+  /** Distances in the map divided by those of the AR world. */
+  readonly distanceRatio: number | null;
+  /** Takes an answer and the pose of the camera when it took the image that was sealed, not its pose now. Throws `VeilocError` `pose`, `option`. */
+  add(answer: Answer, cameraInWorld: Pose): "used" | "contradicts" | "doubtful-agrees" | "doubtful" | "no-pose" | "unknown-unit";
+  /** Takes the pose of the camera between answers, once or twice a second: its path tells how far tracking may have drifted. */
+  moved(cameraInWorld: Pose): void;
+  /** Forgets all answers: for a new session, and on the `reset` event of its reference space. */
+  reset(): void;
+  /** The pose in the AR world of content whose pose in the map is known (map units, axes of the map); `null` before the first trusted answer. */
+  worldFromAnchor(mapFromAnchor: Pose): Pose | null;
+  /** Where the camera is in the map now: map units, and the rotation from the camera's axes (COLMAP's) to the map's. The accuracy is the radius of 68 % confidence. */
+  cameraInMap(cameraInWorld: Pose): { pose: Pose; accuracy: { horizontal: number; vertical: number; yawDeg: number } } | null;
+  /** Frees it. */
+  free(): void;
 }
 
 /**
@@ -308,7 +345,7 @@ export interface Answer {
 
 /**
  * An error. `kind`: `image`, `texture` (too little of it: take another image), `not-this-place` (the image does not show the place of
- * the pack), `camera`, `option`, `profile`, `pack`, `other-profile`, `other-pack`, `seal`, `unbalanced`, `too-many-starts`,
+ * the pack), `camera`, `option`, `profile`, `pack`, `other-profile`, `other-pack`, `seal`, `unbalanced`, `too-many-starts`, `pose`,
  * `turned-away`, `session`, `query`, `gone`, `attack`, `worker`, `broken`, `closed` from the device; `address`, `token`, `map-name`,
  * `network`, `busy`, `refused`, `not-localized`, `wrong-profile`, `bad-answer` from the client.
  */
@@ -335,6 +372,29 @@ export function orientationOf(
 export function orientationOfPose(transform: {
   readonly orientation: { readonly x: number; readonly y: number; readonly z: number; readonly w: number };
 }): Required<Attitude> | null;
+
+/** A view of WebXR's module "Raw Camera Access" (`XRView` with `camera`). */
+export interface CameraView {
+  readonly projectionMatrix: ArrayLike<number>;
+  readonly transform: Pose;
+  readonly camera?: { readonly width: number; readonly height: number } | null;
+}
+
+/** The camera of a view's image, from the view's projection. Throws `VeilocError` `camera`: no camera, or no pinhole camera. */
+export function cameraOfView(view: CameraView): string;
+
+/** The pose of the view's camera in the reference space, copied: keep it until the answer comes. */
+export function poseOfView(view: CameraView): Pose;
+
+/**
+ * The pixels of the view's camera image; call it in the callback of the animation frame that gave the view. `binding`: an
+ * `XRWebGLBinding` of the session and `gl`. It waits for the GPU, some milliseconds. Throws `VeilocError` `camera`, `image`.
+ */
+export function cameraImage(
+  gl: WebGLRenderingContext | WebGL2RenderingContext,
+  binding: { getCameraImage(camera: any): WebGLTexture | null },
+  view: CameraView,
+): { width: number; height: number; data: Uint8Array };
 
 /** Starts to read the motion sensors. Call it from a click handler: some browsers ask the user for permission. */
 export function watchOrientation(): Promise<{ now(): Required<Attitude> | null; stop(): void }>;

@@ -7,10 +7,12 @@
 //   const query = await sealer.seal(await sealer.extract(image, "SIMPLE_RADIAL,1296,1936,2435.4,648,968,-0.034"));
 //   const { state, center, position_sd } = await client.localize("lobby", query);
 
-import { VeilocError } from "./core.js";
+import { Core, VeilocError } from "./core.js";
+import { Alignment } from "./webxr.js";
 
 export { Client } from "./client.js";
 export { orientationOf, orientationOfPose, watchOrientation } from "./orientation.js";
+export { cameraImage, cameraOfView, poseOfView } from "./webxr.js";
 export { VeilocError };
 
 /** A worker and its pending calls. `device.close()` ends it. */
@@ -114,7 +116,7 @@ export async function load(profile, { profileId, worker, wasm = new URL("./veilo
     if (profileId && profileId.toLowerCase() !== head.id) {
       throw new VeilocError("other-profile", `the profile is ${head.id}, not ${profileId}; compare it with the id that the operator publishes`);
     }
-    return new Device(connection, new AttackQueue(start, module), head);
+    return new Device(connection, start, module, head);
   } catch (error) {
     connection.end(error);
     throw error;
@@ -124,11 +126,14 @@ export async function load(profile, { profileId, worker, wasm = new URL("./veilo
 class Device {
   #connection;
   #attacks;
+  #module;
+  #core;
   #profile;
 
-  constructor(connection, attacks, { profile, ...facts }) {
+  constructor(connection, start, module, { profile, ...facts }) {
     this.#connection = connection;
-    this.#attacks = attacks;
+    this.#attacks = new AttackQueue(start, module);
+    this.#module = module;
     this.#profile = profile;
     Object.assign(this, facts);
   }
@@ -158,6 +163,12 @@ class Device {
       ? await this.#connection.request("call", { head: { op: "sessionFrom" }, bytes })
       : await this.#connection.request("session", { head: { op: "session", ...(anchors && { anchors }) } });
     return new Session(this.#connection, head.session);
+  }
+
+  /** Begins an alignment of an AR world with the map. It runs in this thread, so that each animation frame can ask it. */
+  async alignment({ metresPerUnit } = {}) {
+    this.#core ??= Core.load(this.#module);
+    return new Alignment(await this.#core, { ...(metresPerUnit !== undefined && { metresPerUnit }) });
   }
 
   /** Terminates the workers and discards their state. */

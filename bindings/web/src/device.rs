@@ -6,9 +6,11 @@ use std::rc::Rc;
 use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde::Serialize;
+use veiloc_ar::Alignment;
 use veiloc_obfuscation::{Sealer, Session, SessionOptions};
 use veiloc_protocol::Profile;
 
+use crate::alignment;
 use crate::error::WebError;
 use crate::inspection;
 use crate::message;
@@ -27,6 +29,7 @@ pub struct Device {
     sessions: BTreeMap<u32, Session>,
     extracted: BTreeMap<u32, StoredFeatures>,
     queries: BTreeMap<u32, StoredQuery>,
+    alignments: BTreeMap<u32, Alignment>,
 }
 
 #[derive(Serialize)]
@@ -51,6 +54,11 @@ struct SessionReply {
     session: u32,
     frames: u32,
     starts: u32,
+}
+
+#[derive(Serialize)]
+struct AlignmentReply {
+    alignment: u32,
 }
 
 #[derive(Serialize)]
@@ -96,14 +104,8 @@ impl Device {
             Request::Seal { sealer, extracted, session } => {
                 let (mut rng, _) = seeded_rng(bytes)?;
                 let sealer = lookup(&self.sealers, "sealer", sealer)?.clone();
-                let session = match session {
-                    Some(handle) => Some(
-                        self.sessions
-                            .get_mut(&handle)
-                            .ok_or(WebError::UnknownHandle { what: "session", handle })?,
-                    ),
-                    None => None,
-                };
+                let session =
+                    session.map(|handle| lookup_mut(&mut self.sessions, "session", handle)).transpose()?;
                 // An image is sealed once (rule L7).
                 let stored = self
                     .extracted
@@ -119,7 +121,27 @@ impl Device {
             Request::Show { query } => Ok(inspection::show(lookup(&self.queries, "query", query)?)),
             Request::Exhibit { query } => Ok(inspection::exhibit(lookup(&self.queries, "query", query)?)),
             Request::Attack { attack, query_bytes } => inspection::attack(&attack, query_bytes, bytes),
+            Request::Alignment { metres_per_unit } => {
+                let begun = alignment::begin(metres_per_unit)?;
+                let handle = self.next();
+                self.alignments.insert(handle, begun);
+                Ok(message::write(&AlignmentReply { alignment: handle }, &[]))
+            }
+            Request::AlignmentAdd { alignment, pose } => {
+                alignment::add(self.alignment(alignment)?, pose, bytes)
+            }
+            Request::AlignmentMoved { alignment, pose } => {
+                alignment::moved(self.alignment(alignment)?, pose)?;
+                Ok(message::write(&EmptyReply {}, &[]))
+            }
+            Request::WorldFromAnchor { alignment, pose } => {
+                alignment::world_from_anchor(self.alignment(alignment)?, pose)
+            }
+            Request::CameraInMap { alignment, pose } => {
+                alignment::camera_in_map(self.alignment(alignment)?, pose)
+            }
             Request::Free { handle } => {
+                self.alignments.remove(&handle);
                 self.profiles.remove(&handle);
                 self.sealers.remove(&handle);
                 self.extracted.remove(&handle);
@@ -128,6 +150,10 @@ impl Device {
                 Ok(message::write(&EmptyReply {}, &[]))
             }
         }
+    }
+
+    fn alignment(&mut self, handle: u32) -> Result<&mut Alignment, WebError> {
+        lookup_mut(&mut self.alignments, "alignment", handle)
     }
 
     fn store_profile(&mut self, bytes: &[u8]) -> Result<Vec<u8>, WebError> {
@@ -167,6 +193,14 @@ fn store<T>(stored: &mut BTreeMap<u32, T>, handle: u32, object: T) {
 
 fn lookup<'a, T>(stored: &'a BTreeMap<u32, T>, what: &'static str, handle: u32) -> Result<&'a T, WebError> {
     stored.get(&handle).ok_or(WebError::UnknownHandle { what, handle })
+}
+
+fn lookup_mut<'a, T>(
+    stored: &'a mut BTreeMap<u32, T>,
+    what: &'static str,
+    handle: u32,
+) -> Result<&'a mut T, WebError> {
+    stored.get_mut(&handle).ok_or(WebError::UnknownHandle { what, handle })
 }
 
 /// A generator seeded with the first 32 bytes of the payload, and the rest of the payload.

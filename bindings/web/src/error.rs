@@ -53,6 +53,9 @@ pub enum WebError {
     /// The frame of the anchors is unknown.
     #[error(transparent)]
     Anchors(#[from] SessionAnchorsError),
+    /// A pose of an AR world is none.
+    #[error("the pose has a rotation of zero, or a number that is not finite")]
+    Pose,
     /// The attack cannot run.
     #[error(transparent)]
     Attack(#[from] AttackError),
@@ -70,6 +73,7 @@ impl WebError {
             Self::Option { .. } | Self::Anchors(_) => "option",
             Self::Seal(error) => error.kind().name(),
             Self::Query(_) => "query",
+            Self::Pose => "pose",
             Self::Attack(_) => "attack",
         }
     }

@@ -1,6 +1,7 @@
 //! The calls, as the loader writes them.
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
+use veiloc_ar::FrameworkPose;
 
 /// One call. Brackets name its payload.
 #[derive(Debug, Deserialize)]
@@ -66,6 +67,40 @@ pub enum Request {
         attack: String,
         /// As in the reply to `Exhibit`.
         query_bytes: usize,
+    },
+    /// Begins an alignment of an AR world with the map.
+    Alignment {
+        /// Of the map; `None` for the unit that the answers state.
+        #[serde(default)]
+        metres_per_unit: Option<f64>,
+    },
+    /// Adds an answer to an alignment [its JSON].
+    AlignmentAdd {
+        /// Handle of the alignment.
+        alignment: u32,
+        /// Of the camera in the AR world when it took the image.
+        pose: Pose,
+    },
+    /// Tells an alignment where the camera is between answers.
+    AlignmentMoved {
+        /// Handle of the alignment.
+        alignment: u32,
+        /// Of the camera in the AR world.
+        pose: Pose,
+    },
+    /// Returns the pose in the AR world of content in the map.
+    WorldFromAnchor {
+        /// Handle of the alignment.
+        alignment: u32,
+        /// Of the content in the map, map units.
+        pose: Pose,
+    },
+    /// Returns the pose of the camera in the map, map units.
+    CameraInMap {
+        /// Handle of the alignment.
+        alignment: u32,
+        /// Of the camera in the AR world.
+        pose: Pose,
     },
     /// Frees the object of a handle.
     Free {
@@ -146,4 +181,26 @@ pub struct Mask {
     /// As a share of the longer side; `None` for the default.
     #[serde(default)]
     pub margin: Option<f32>,
+}
+
+/// A pose as WebXR's `XRRigidTransform` states it: `y` up, cameras look along `-z`, metres.
+#[derive(Debug, Clone, Copy, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Pose {
+    /// In the world.
+    pub position: [f64; 3],
+    /// Quaternion `x y z w`, from the object's axes to the world's.
+    pub orientation: [f64; 4],
+}
+
+impl From<Pose> for FrameworkPose {
+    fn from(Pose { position, orientation }: Pose) -> Self {
+        Self { position, rotation: orientation }
+    }
+}
+
+impl From<FrameworkPose> for Pose {
+    fn from(FrameworkPose { position, rotation }: FrameworkPose) -> Self {
+        Self { position, orientation: rotation }
+    }
 }

@@ -386,3 +386,73 @@ fn oldest_queries_are_dropped() {
     call(&mut device, &json!({"op": "free", "handle": handles[33]}), &[]);
     assert!(!is_stored(&mut device, &handles[33]));
 }
+
+#[test]
+fn an_alignment_is_that_of_the_phones() {
+    use veiloc_ar::{Alignment, Axes, FrameworkPose};
+    use veiloc_protocol::{Answer, AnswerPose, AnswerTimes, GravityUse, MapCoordinates};
+
+    let mut device = Device::default();
+    let (head, _) = call(&mut device, &json!({"op": "alignment"}), &[]);
+    let handle = head["alignment"].clone();
+    let turn = std::f64::consts::FRAC_1_SQRT_2;
+    let camera = FrameworkPose { position: [1.0, 1.5, -2.0], rotation: [0.0, -turn, 0.0, turn] };
+    let anchor = FrameworkPose { position: [3.0, 1.0, -0.5], ..FrameworkPose::default() };
+    let pose = |pose: &FrameworkPose| json!({"position": pose.position, "orientation": pose.rotation});
+    let place = json!({"op": "worldFromAnchor", "alignment": handle, "pose": pose(&anchor)});
+    assert_eq!(call(&mut device, &place, &[]).0, json!({"pose": null}));
+
+    let mut own = Alignment::default();
+    for step in 0..3 {
+        let mut covariance = [[0.0; 6]; 6];
+        (0..6).for_each(|i| covariance[i][i] = 1e-4);
+        let answer = Answer {
+            pose: Some(AnswerPose {
+                rotation: [turn, turn, 0.0, 0.0],
+                translation: [0.3, -0.2 + 0.001 * f64::from(step), 2.0],
+                covariance,
+            }),
+            doubts: Vec::new(),
+            log_evidence: 40.0,
+            margin: f64::INFINITY,
+            fit: None,
+            gravity: GravityUse::Used,
+            map: MapCoordinates { metres_per_unit: Some(2.0), down: None },
+            inliers: 50,
+            matches: 60,
+            hypotheses: 100,
+            times: AnswerTimes::default(),
+        };
+        let update = own.add(&answer, &Axes::OpenGl.cam_from_ar(&camera).expect("a pose"));
+        let add = json!({"op": "alignmentAdd", "alignment": handle, "pose": pose(&camera)});
+        let (head, _) = call(&mut device, &add, &[answer.to_json().as_bytes()]);
+        assert_eq!(
+            (head["update"].as_str(), head["state"].as_str()),
+            (Some(update.name()), Some(own.state().name()))
+        );
+        assert_eq!(head["used"], step + 1);
+    }
+    let expected = own.world_from_anchor(Axes::OpenGl, &anchor).expect("aligned");
+    assert_eq!(call(&mut device, &place, &[]).0["pose"], pose(&expected));
+    let (head, _) =
+        call(&mut device, &json!({"op": "cameraInMap", "alignment": handle, "pose": pose(&camera)}), &[]);
+    let center =
+        own.cam_from_map(&Axes::OpenGl.cam_from_ar(&camera).expect("a pose")).expect("aligned").center();
+    for i in 0..3 {
+        assert!((head["pose"]["position"][i].as_f64().expect("a number") - center.coords[i]).abs() < 1e-12);
+    }
+    assert!(head["accuracy"]["yawDeg"].as_f64().is_some_and(|deg| deg > 0.0));
+
+    // Nothing of a bad call is kept.
+    let zero = FrameworkPose { rotation: [0.0; 4], ..FrameworkPose::default() };
+    for (head, bytes, kind) in [
+        (json!({"op": "alignment", "metresPerUnit": -1.0}), &b""[..], "option"),
+        (json!({"op": "alignmentAdd", "alignment": handle, "pose": pose(&camera)}), b"{}", "option"),
+        (json!({"op": "alignmentMoved", "alignment": handle, "pose": pose(&zero)}), b"", "pose"),
+        (json!({"op": "worldFromAnchor", "alignment": handle, "pose": pose(&zero)}), b"", "pose"),
+        (json!({"op": "alignmentMoved", "alignment": 99, "pose": pose(&camera)}), b"", "gone"),
+    ] {
+        assert_eq!(call(&mut device, &head, &[bytes]).0["kind"], kind, "{head}");
+    }
+    assert_eq!(call(&mut device, &place, &[]).0["pose"], pose(&expected));
+}

@@ -47,6 +47,15 @@ namespace Veiloc
         {
             X = x; Y = y; Z = z; Qx = qx; Qy = qy; Qz = qz; Qw = qw;
         }
+
+        /// <summary>The pose in the world of what has the pose `mounted` in the axes of this object: of a headset's camera, from the pose of
+        /// the head and the lens offset.</summary>
+        public Pose Composed(Pose mounted)
+        {
+            Pose pose;
+            Native.Check(Native.veiloc_pose_composed(ref this, ref mounted, out pose));
+            return pose;
+        }
     }
 
     /// <summary>Radii of 68 % confidence, metres and degrees.</summary>
@@ -65,6 +74,20 @@ namespace Veiloc
         public static Camera Pinhole(uint width, uint height, double fx, double fy, double cx, double cy)
         {
             return new Camera { Width = width, Height = height, Params = new[] { fx, fy, cx, cy } };
+        }
+
+        /// <summary>The camera of a part of the image: for passthrough cameras of headsets, whose smaller images are parts of the
+        /// sensor's.</summary>
+        public Camera Cropped(uint x, uint y, uint width, uint height)
+        {
+            Native.Camera part;
+            using (var input = new Native.Input(IntPtr.Zero, 0, new FrameLayout(), this))
+            {
+                Native.Check(Native.veiloc_camera_cropped(input.Camera, x, y, width, height, out part));
+            }
+            var cropped = new Camera { Model = Model, Width = width, Height = height, Focal = Focal, Params = new double[Params.Length] };
+            Array.Copy(part.Params, cropped.Params, Params.Length);
+            return cropped;
         }
     }
 
@@ -222,6 +245,8 @@ namespace Veiloc
         [DllImport(Library)] internal static extern IntPtr veiloc_last_error();
         [DllImport(Library)] internal static extern IntPtr veiloc_version();
         [DllImport(Library)] internal static extern void veiloc_bytes_free(Bytes bytes);
+        [DllImport(Library)] internal static extern Status veiloc_camera_cropped(IntPtr camera, uint x, uint y, uint width, uint height, out Camera part);
+        [DllImport(Library)] internal static extern Status veiloc_pose_composed(ref Pose pose, ref Pose mounted, out Pose composed);
         [DllImport(Library)] internal static extern Status veiloc_profile_new(byte[] bytes, UIntPtr length, out IntPtr handle);
         [DllImport(Library)] internal static extern IntPtr veiloc_profile_id(IntPtr profile);
         [DllImport(Library)] internal static extern void veiloc_profile_free(IntPtr profile);

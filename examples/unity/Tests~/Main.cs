@@ -90,6 +90,10 @@ static class Program
         }
         Bursts(profile, pixels, layout, camera, pose);
         using (var alignment = Alignment.Begin()) Throws(Status.NotAligned, "no answer", () => alignment.WorldFromAnchor(pose));
+        var part = Camera.Pinhole(4, 4, 1, 1, 2, 2).Cropped(1, 0, 3, 2);
+        Expect(part.Width == 3 && part.Height == 2 && part.Params.SequenceEqual(new[] { 1.0, 1, 1, 2 }), "a part of an image");
+        Throws(Status.Argument, "a part", () => part.Cropped(1, 0, 3, 2));
+        Expect(new Pose(1, 2, 3, 0, 1, 0, 0).Composed(new Pose(0, 0, 0.5, 0, 0, 0, 1)).Z == 2.5, "a lens on a head");
         profile.Id.ToString();
     }
 

@@ -302,6 +302,20 @@ static void sessions(const VeilocSealer *sealer, const VeilocFrame *frame, const
   veiloc_session_free(session);
 }
 
+/* A part of an image, and a lens on a head that looks back. */
+static void headsets(void) {
+  const VeilocPose head = {{1, 2, 3}, {0, 1, 0, 0}}, lens = {{0, 0, 0.5}, {0, 0, 0, 1}};
+  VeilocPose composed;
+  VeilocCamera camera = veiloc_camera_pinhole(4, 4, 1, 1, 2, 2);
+  expect(veiloc_camera_cropped(&camera, 1, 0, 3, 2, &camera) == VEILOC_STATUS_OK && camera.width == 3 && camera.height == 2, "a part");
+  expect(camera.params[2] == 1 && camera.params[3] == 2 && camera.param_count == 4, "its principal point");
+  expect(veiloc_camera_cropped(&camera, 1, 0, 3, 2, &camera) == VEILOC_STATUS_ARGUMENT, "a part outside");
+  expect(veiloc_camera_cropped(NULL, 1, 0, 3, 2, &camera) == VEILOC_STATUS_ARGUMENT, "no camera");
+  expect(veiloc_pose_composed(&head, &lens, &composed) == VEILOC_STATUS_OK && composed.position[2] == 2.5, "a lens on a head");
+  composed.rotation[1] = 0.0 / 0.0;
+  expect(veiloc_pose_composed(&composed, &lens, &composed) == VEILOC_STATUS_ARGUMENT, "no rotation");
+}
+
 /* Bursts: the newest frame is the rig, a black one is left out, and a burst without texture leaves the session. */
 static void bursts(const VeilocProfile *profile, const VeilocFrame *frame, const VeilocCamera *camera) {
   VeilocBurst *burst = NULL;
@@ -482,6 +496,7 @@ int main(int argc, char **argv) {
       packs(argv[2], &frame, &camera);
       sessions(sealer, &frame, &camera);
       bursts(profile, &frame, &camera);
+      headsets();
       cancelled(sealer, &frame, &camera);
       repeatedly(profile, &frame, &camera, repeat);
     }

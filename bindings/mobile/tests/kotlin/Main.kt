@@ -28,6 +28,8 @@ import org.veiloc.VeilocException
 import org.veiloc.advice
 import org.veiloc.adviceText
 import org.veiloc.example.Localizer
+import org.veiloc.composedPose
+import org.veiloc.croppedCamera
 import org.veiloc.pinholeCamera
 import org.veiloc.poseFromMatrix
 import org.veiloc.rigBytes
@@ -162,7 +164,11 @@ fun border(profile: Profile, pixels: ByteBuffer, layout: FrameLayout, camera: Ca
     bursts(profile, pixels, layout, camera, upright)
     val pose = poseFromMatrix(listOf(0f, 0f, 1f, 0f, 0f, 1f, 0f, 0f, -1f, 0f, 0f, 0f, 1f, 1.5f, -2f, 1f))
     check(pose.x == 1.0 && pose.z == -2.0 && Math.abs(pose.qy + Math.sqrt(0.5)) < 1e-6)
-    check(pinholeCamera(4u, 3u, 1.0, 1.0, 2.0, 1.5).params.size == 4)
+    val part = croppedCamera(pinholeCamera(4u, 4u, 1.0, 1.0, 2.0, 2.0), 1u, 0u, 3u, 2u)
+    check(part.params == listOf(1.0, 1.0, 1.0, 2.0) && part.width == 3u && part.height == 2u)
+    expect<VeilocException.Argument>("a part") { croppedCamera(part, 1u, 0u, 3u, 2u) }
+    val lens = composedPose(pose, Pose(0.0, 0.0, -0.5, 0.0, 0.0, 0.0, 1.0))
+    check(Math.abs(lens.x - 1.5) < 1e-6 && Math.abs(lens.z + 2.0) < 1e-6)
     check(Alignment().worldFromAnchor(Axes.UNITY, pose) == null)
 }
 

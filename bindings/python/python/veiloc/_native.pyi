@@ -1088,6 +1088,13 @@ def anchored_lines(points2d: npt.ArrayLike, camera: Camera, layout: Scheme = "dc
     Raises:
         InputError: a shape, a number or the layout is invalid.
     """
+def cropped_camera(camera: Camera, x: int, y: int, width: int, height: int) -> _CameraFields:
+    """The camera of a part of an image, with its first pixel at column `x`, row `y`: for passthrough cameras of headsets,
+    whose smaller images are parts of the sensor's.
+
+    Raises:
+        InputError: the part is empty or not within the image, or the camera is invalid.
+    """
 def undistort(points2d: npt.ArrayLike, camera: Camera) -> Floats:
     """Undistorts pixels, `[N, 2]`: their positions in the image of the same camera without distortion.
 

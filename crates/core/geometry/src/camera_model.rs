@@ -38,6 +38,17 @@ pub enum IntrinsicsError {
         /// Its value.
         value: f64,
     },
+    /// A part of an image that is empty or not within it.
+    #[error(
+        "the part of {} x {} pixels at ({}, {}) is not within the image of {} x {} pixels",
+        .part[2], .part[3], .part[0], .part[1], .size[0], .size[1]
+    )]
+    Crop {
+        /// Column and row of its first pixel, width, height.
+        part: [u32; 4],
+        /// Width and height of the image.
+        size: [u32; 2],
+    },
     /// The text is not of the form `MODEL,WIDTH,HEIGHT,PARAMS…`.
     #[error(
         "camera {text:?} does not read as MODEL,WIDTH,HEIGHT,PARAMS… (for example PINHOLE,640,480,525,525,320,240)"

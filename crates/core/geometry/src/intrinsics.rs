@@ -77,6 +77,26 @@ impl Intrinsics {
         Self { model: model.with_pinhole_parts([fx * sx, fy * sy], [cx * sx, cy * sy]), width, height }
     }
 
+    /// The camera of a part of the image, `width` × `height` pixels with its first pixel at column `x`, row `y`. What
+    /// passthrough cameras of headsets give in another shape than the sensor's is such a part, not a scaled image.
+    ///
+    /// # Errors
+    /// [`IntrinsicsError::Crop`] when the part is empty or not within the image.
+    pub fn cropped(&self, x: u32, y: u32, width: u32, height: u32) -> Result<Self, IntrinsicsError> {
+        let fits = |first: u32, length: u32, all: u32| {
+            length > 0 && first.checked_add(length).is_some_and(|end| end <= all)
+        };
+        if !(fits(x, width, self.width) && fits(y, height, self.height)) {
+            return Err(IntrinsicsError::Crop {
+                part: [x, y, width, height],
+                size: [self.width, self.height],
+            });
+        }
+        let (focal, [cx, cy]) = self.model.pinhole_parts();
+        let model = self.model.with_pinhole_parts(focal, [cx - f64::from(x), cy - f64::from(y)]);
+        Ok(Self { model, width, height })
+    }
+
     /// The camera of the turned image. Its axes are turned as well: [`QuarterTurns::turned_from_camera`].
     #[must_use]
     pub fn turned(&self, turns: QuarterTurns) -> Self {

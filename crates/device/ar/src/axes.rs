@@ -65,6 +65,18 @@ impl FrameworkPose {
         (last_row == [0.0, 0.0, 0.0, 1.0]).then(|| Self::of(pose.rotation(), pose.translation()))
     }
 
+    /// The pose in the world of what has the pose `mounted` in the axes of this object: of the camera of a headset, from
+    /// the pose of the head and the lens offset that the framework states. Both in the same axes and units, also
+    /// left-handed ones. `None` when a rotation is zero, or a number is not finite.
+    pub fn composed(&self, mounted: &Self) -> Option<Self> {
+        let parts = |pose: &Self| {
+            let (rotation, position) = pose.parts()?;
+            Some(Rigid3::<ArWorld, ArWorld>::new(Rotation3::from_matrix_unchecked(rotation), position))
+        };
+        let composed = parts(self)?.compose(&parts(mounted)?);
+        Some(Self::of(composed.rotation(), composed.translation()))
+    }
+
     fn of(rotation: &Rotation3<f64>, position: &Vector3<f64>) -> Self {
         let q = UnitQuaternion::from_rotation_matrix(rotation);
         let sign = if q.w < 0.0 { -1.0 } else { 1.0 };

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use veiloc_geometry::{Intrinsics, Pixel, PlanePoint};
+use veiloc_geometry::{Intrinsics, IntrinsicsError, Pixel, PlanePoint};
 
 const ORACLE: &str = include_str!("../data/cameras.txt");
 
@@ -32,4 +32,21 @@ fn pixels_and_rays_agree_with_pycolmap() {
         points += 1;
     }
     assert_eq!((models.len(), points), (17, 17 * 28));
+}
+
+#[test]
+fn a_cropped_camera_sees_the_same_rays_at_shifted_pixels() {
+    for camera in ORACLE.lines().filter_map(|line| line.strip_prefix("camera ")) {
+        let camera: Intrinsics = camera.parse().expect("a camera");
+        let part = camera.cropped(7, 11, camera.width / 2, camera.height - 11).expect("within");
+        assert_eq!((part.width, part.height), (camera.width / 2, camera.height - 11));
+        let (whole, cut) =
+            (camera.project(PlanePoint::new(0.13, -0.08)), part.project(PlanePoint::new(0.13, -0.08)));
+        assert!(cut.distance(&Pixel::new(whole.u - 7.0, whole.v - 11.0)) < 1e-9, "{camera}");
+        for [x, y, w, h] in
+            [[0, 0, 0, 1], [1, 0, camera.width, 1], [u32::MAX, 0, 2, 1], [0, 0, 1, camera.height + 1]]
+        {
+            assert!(matches!(camera.cropped(x, y, w, h), Err(IntrinsicsError::Crop { .. })), "{camera}");
+        }
+    }
 }

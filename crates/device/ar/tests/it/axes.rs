@@ -118,3 +118,22 @@ fn invalid_poses_are_rejected() {
     }
     assert_eq!(Alignment::default().world_from_anchor(Axes::Unity, &FrameworkPose::default()), None);
 }
+
+#[test]
+fn a_camera_on_a_head_has_the_composed_pose_in_each_framework() {
+    // The lens is 0.1 m to the right, 0.2 m above and 0.3 m in front of the head, and looks to the right.
+    let lenses = [
+        FrameworkPose { position: [0.1, 0.2, -0.3], rotation: [0.0, -HALF, 0.0, HALF] },
+        FrameworkPose { position: [0.1, 0.2, 0.3], rotation: [0.0, HALF, 0.0, HALF] },
+        FrameworkPose { position: [30.0, 10.0, 20.0], rotation: [0.0, 0.0, HALF, HALF] },
+        FrameworkPose { position: [0.1, -0.2, 0.3], rotation: [0.0, HALF, 0.0, HALF] },
+    ];
+    for ((axes, head, _), lens) in WORKED.into_iter().zip(lenses) {
+        let camera = head.composed(&lens).expect("a pose");
+        let seen = axes.cam_from_ar(&camera).expect("a pose").transform(&Point3::new(4.0, 2.0, -1.75)).coords;
+        // From the lens the point is 0.15 m to the right, 0.3 m above and 2.7 m in front of a camera that is not turned.
+        assert!((seen - Vector3::new(-2.7, -0.3, 0.15)).norm() < 1e-12, "{axes}: {seen}");
+    }
+    let zero = FrameworkPose { rotation: [0.0; 4], ..FrameworkPose::default() };
+    assert_eq!(FrameworkPose::default().composed(&zero), None);
+}
