@@ -53,6 +53,9 @@ GPU = "networks that a GPU trains"
 script("veiloc eval inversion", "privacy/inversion.csv", needs=GPU)
 script("scripts/robots/guide.py --wheel target/wheels/veiloc-*.whl --place $D/hololens-office --csv $O/robots/commands.csv",
        "robots/commands.csv", needs="a wheel of scripts/wheel.sh, and CPython 3.11")  # fmt: skip
+script("node scripts/web/webxr.mjs --veiloc $V --tools $W/web-tools --map $W/hololens.vmap --images $D/hololens-office/images --posed "
+       "$D/hololens-office/posed --tracked $D/hololens-office/posed-given --list $D/hololens-office/query.txt --anchor=-2.14,-0.70,-0.45 "
+       "--out $W/webxr --csv $O/robots/webxr.csv", "robots/webxr.csv", needs="npm's playwright-core, iwer and three, and Chromium")  # fmt: skip
 script("typed", "privacy/inversion-paper.csv", needs="the paper, Tables 2 and 7")
 script("research/notes/edge_inversion.py", "privacy/edge-inversion.csv", needs=GPU)
 script("python -m veiloc_train neighbours", "features/predictors.csv", needs=GPU)
