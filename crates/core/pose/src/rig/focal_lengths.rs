@@ -6,55 +6,77 @@ use crate::likelihood::{FocalPrior, FocalVerdict};
 use crate::options::PoseOptions;
 use crate::rig::{JUMP_HANDICAP, RigEstimate, RigFrame};
 
-type Found = Result<RigEstimate, PoseError>;
+pub(crate) type Found = Result<RigEstimate, PoseError>;
 
 /// Log evidence above which a trusted pose is not tested with other focal lengths.
 const CLEAR_LOG_EVIDENCE: f64 = 150.0;
 
-/// Log likelihood by which a search with another focal length may end behind the best one: farther behind it is not
-/// refined, which takes most of the time of a query that is not found. Of two focal lengths near the true one both lead to
-/// it.
+/// Log likelihood by which a search may end behind the best one: farther behind it is not refined, which takes most of the
+/// time of a query that is not found. Of two focal lengths near the true one both lead to it.
 const MAX_BEHIND: f64 = 5.0;
 
-/// The best cost of the searches with several focal lengths.
-pub(crate) struct BestCost(f64);
+/// Log likelihood by which a search must be ahead of all others to be refined at once: its focal length is then probably
+/// right, and the remaining ones need not be tried.
+const CLEARLY_AHEAD: f64 = 20.0;
 
-impl Default for BestCost {
-    fn default() -> Self {
-        Self(f64::INFINITY)
-    }
+/// Searches with given focal lengths, and refines what they find.
+pub(crate) trait FocalSearch {
+    /// Poses that a search found.
+    type Candidate;
+
+    /// Searches with the given focal lengths multiplied by a factor.
+    fn search(&mut self, factor: f64, options: &PoseOptions) -> Result<Self::Candidate, PoseError>;
+
+    /// Minus the log likelihood of the candidate against "all matches are wrong".
+    fn cost(candidate: &Self::Candidate) -> f64;
+
+    /// Refines and assesses it.
+    fn refine(&mut self, candidate: Self::Candidate) -> Found;
 }
 
-impl BestCost {
-    /// Whether to refine the result of a search with this cost; remembers the cost.
-    pub(crate) fn is_near(&mut self, cost: f64) -> bool {
-        self.0 = self.0.min(cost);
-        cost <= self.0 + MAX_BEHIND
-    }
-}
-
-/// The best of a search with the given focal length and, if that leaves a doubt, of searches with others. `search_at`
-/// gets the factor on the given focal length, and the options of the search: all others together draw at most as many
-/// samples as the first, so that an image of another place does not cost a multiple of one that is found.
-pub(crate) fn over_focal_lengths(
+/// The best of a search with the given focal length and, if that leaves a doubt, of searches with others: all others
+/// together draw at most as many samples as the first, so that an image of another place does not cost a multiple of one
+/// that is found. For the same reason only the best of several searches is refined that cannot leave a clear result.
+pub(crate) fn over_focal_lengths<S: FocalSearch>(
     focal: FocalPrior,
     frames: &[RigFrame],
     options: &PoseOptions,
-    mut search_at: impl FnMut(f64, &PoseOptions) -> Found,
+    searches: &mut S,
 ) -> Found {
-    let mut best = search_at(1.0, options);
+    let first = searches.search(1.0, options)?;
+    let mut least = S::cost(&first);
+    let mut waiting = None;
+    let mut best = if frames.len() == 1 && focal != FocalPrior::Calibrated && least > -CLEAR_LOG_EVIDENCE {
+        waiting = Some(first);
+        Err(PoseError::NoConsensus { inliers: 0, required: options.min_inliers, hypotheses: 0 })
+    } else {
+        searches.refine(first)
+    };
     let surplus = min_surplus(focal, frames, &best);
+    let take = |best: &mut Found, other: Found| {
+        if best.is_err() || log_evidence_of(&other) > log_evidence_of(best) + surplus {
+            *best = other;
+        }
+    };
     let others = other_focal_lengths(focal, &best);
     let max_hypotheses = (options.max_hypotheses / others.len().max(1)).max(1);
     let options = PoseOptions { max_hypotheses, ..options.clone() };
     for &factor in others {
-        let other = search_at(factor, &options);
-        if log_evidence_of(&other) > log_evidence_of(&best) + surplus {
-            best = other;
+        let other = searches.search(factor, &options)?;
+        let cost = S::cost(&other);
+        if cost < least - CLEARLY_AHEAD {
+            waiting = None;
+            take(&mut best, searches.refine(other));
+            if is_clear(&best) {
+                return best;
+            }
+        } else if waiting.as_ref().map_or(cost <= least + MAX_BEHIND, |known| cost < S::cost(known)) {
+            waiting = Some(other);
         }
-        if is_clear(&best) {
-            break;
-        }
+        least = least.min(cost);
+    }
+    if let Some(other) = waiting.filter(|other| S::cost(other) <= least + MAX_BEHIND) {
+        take(&mut best, searches.refine(other));
     }
     best
 }

@@ -10,10 +10,11 @@ use super::joint::Poses;
 use super::lens::worst_known;
 use super::rival::find_rival;
 use super::search::Search;
+use crate::confidence::State;
 use crate::error::PoseError;
 use crate::likelihood::{FocalPrior, Matches};
 use crate::options::PoseOptions;
-use crate::rig::focal_lengths::{BestCost, is_clear, over_focal_lengths};
+use crate::rig::focal_lengths::{FocalSearch, is_clear, over_focal_lengths};
 
 /// If a search over several frames leaves a doubt, it is repeated with this multiple of the minimum number of samples
 /// per frame: there are many matches in all frames together and few in each, and loose odometry with precise matches
@@ -66,25 +67,15 @@ impl<'a> Images<'a> {
         options: &PoseOptions,
         rng: &mut R,
     ) -> Result<RigEstimate, PoseError> {
-        let mut best_cost = BestCost::default();
-        let best = over_focal_lengths(self.focal(), self.frames, options, |factor, options| {
-            let mut search_at = |times, rng: &mut R| {
-                self.search_at(factor, options, times, &mut |_, cost| best_cost.is_near(cost), rng)
-            };
-            let found = search_at(1, rng);
-            if factor != 1.0 || !self.may_have_missed(&found, options) {
-                return found;
-            }
-            let again = search_at(RETRY_SAMPLE_FACTOR, rng);
-            let score = |of: &Result<RigEstimate, _>| of.as_ref().map_or(f64::INFINITY, |of| of.score);
-            if score(&again) < score(&found) { again } else { found }
-        });
+        let mut searches = Searches { images: self, options, rng: &mut *rng };
+        let best = over_focal_lengths(self.focal(), self.frames, options, &mut searches);
         // The optimum lies between two tried focal lengths: the best of them may not be the best of all.
         if options.stop.is_set() {
             return Err(PoseError::Stopped);
         }
         let mut best = best?;
-        if options.fixed_hypotheses.is_none() {
+        // A pose that is no better than chance has no rival.
+        if options.fixed_hypotheses.is_none() && best.confidence.state() != State::NotFound {
             let rival = find_rival(self, &best, options, rng);
             best.rival = rival.map(|(pose, _)| pose);
             best.confidence.rival_log_evidence = rival.map(|(_, log_evidence)| log_evidence);
@@ -93,16 +84,15 @@ impl<'a> Images<'a> {
     }
 
     /// Searches with the given focal lengths multiplied by a factor, for those frames whose focal length is known no
-    /// better than any other; refines the result if it is promising: poses and their cost. With `times` above 1 it draws
-    /// at least this multiple of the samples of a single-frame search for every frame.
+    /// better than any other. With `times` above 1 it draws at least this multiple of the samples of a single-frame search
+    /// for every frame.
     pub(super) fn search_at<R: Rng + ?Sized>(
         &self,
         factor: f64,
         options: &PoseOptions,
         times: usize,
-        is_promising: &mut dyn FnMut((&Search<'_>, &Poses), f64) -> bool,
         rng: &mut R,
-    ) -> Result<RigEstimate, PoseError> {
+    ) -> Result<Candidate<'_>, PoseError> {
         let stopped = || if options.stop.is_set() { Err(PoseError::Stopped) } else { Ok(()) };
         stopped()?;
         let mut search = self.search(factor, options)?;
@@ -112,11 +102,21 @@ impl<'a> Images<'a> {
         }
         let found = search.run(budget, options, rng);
         stopped()?;
-        let hypotheses = found.samples;
-        let Some(poses) = found.model.filter(|poses| is_promising((&search, poses), found.cost)) else {
+        let (hypotheses, cost) = (found.samples, found.cost);
+        Ok(Candidate { search, poses: found.model, cost, factor, hypotheses })
+    }
+
+    /// Refines and assesses what a search found.
+    pub(super) fn refine(
+        &self,
+        mut candidate: Candidate<'_>,
+        options: &PoseOptions,
+    ) -> Result<RigEstimate, PoseError> {
+        let Candidate { ref poses, factor, hypotheses, .. } = candidate;
+        let Some(poses) = poses else {
             return Err(PoseError::NoConsensus { inliers: 0, required: options.min_inliers, hypotheses });
         };
-        refine_and_assess(&mut search, &Found { poses: &poses, factor, hypotheses }, self.frames, options)
+        refine_and_assess(&mut candidate.search, &Found { poses, factor, hypotheses }, self.frames, options)
     }
 
     /// The pose from a start, without sampling.
@@ -158,5 +158,47 @@ impl<'a> Images<'a> {
     /// Whether more samples may find a better pose. For one frame the search itself decides when it is complete.
     fn may_have_missed(&self, found: &Result<RigEstimate, PoseError>, options: &PoseOptions) -> bool {
         self.drawn() > 1 && options.fixed_hypotheses.is_none() && !is_clear(found)
+    }
+}
+
+/// What a search with one focal length found.
+pub(super) struct Candidate<'a> {
+    pub(super) search: Search<'a>,
+    /// `None` when no sample gave poses.
+    pub(super) poses: Option<Poses>,
+    /// Minus their log likelihood; infinite without poses.
+    cost: f64,
+    factor: f64,
+    hypotheses: usize,
+}
+
+/// The searches over the focal lengths of some images.
+struct Searches<'i, 'a, 'r, R: Rng + ?Sized> {
+    images: &'i Images<'a>,
+    options: &'i PoseOptions,
+    rng: &'r mut R,
+}
+
+impl<'i, R: Rng + ?Sized> FocalSearch for Searches<'i, '_, '_, R> {
+    type Candidate = Candidate<'i>;
+
+    fn search(&mut self, factor: f64, options: &PoseOptions) -> Result<Candidate<'i>, PoseError> {
+        self.images.search_at(factor, options, 1, self.rng)
+    }
+
+    fn cost(candidate: &Candidate<'i>) -> f64 {
+        candidate.cost
+    }
+
+    fn refine(&mut self, candidate: Candidate<'i>) -> Result<RigEstimate, PoseError> {
+        let is_first = candidate.factor == 1.0;
+        let found = self.images.refine(candidate, self.options);
+        if !is_first || !self.images.may_have_missed(&found, self.options) {
+            return found;
+        }
+        let again = self.images.search_at(1.0, self.options, RETRY_SAMPLE_FACTOR, self.rng)?;
+        let again = self.images.refine(again, self.options);
+        let score = |of: &Result<RigEstimate, _>| of.as_ref().map_or(f64::INFINITY, |of| of.score);
+        if score(&again) < score(&found) { again } else { found }
     }
 }

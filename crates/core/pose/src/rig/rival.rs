@@ -19,8 +19,6 @@ use veiloc_geometry::{CameraFromWorld, Pinhole, RigFromWorld};
 use super::estimate::RigEstimate;
 use super::frame::RigFrame;
 use super::images::Images;
-use super::joint::Poses;
-use super::search::Search;
 use crate::confidence::MIN_RIVAL_SHARE;
 use crate::likelihood::duplicates::spread;
 use crate::likelihood::{FocalPrior, Matches, PoseProblem};
@@ -159,7 +157,10 @@ pub(super) fn find_rival<R: Rng + ?Sized>(
     // The evidence is below the gain, so most poses need no refinement.
     let least = estimate.confidence.min_rival_log_evidence();
     let others = Images::new(&rest, &options).ok()?;
-    let has_gain = &mut |(search, poses): (&Search<'_>, &Poses), _| -search.raw_cost(poses) >= least;
-    let rival = others.search_at(1.0, &options, 1, has_gain, rng).ok()?;
+    let found = others.search_at(1.0, &options, 1, rng).ok()?;
+    if -found.search.raw_cost(found.poses.as_ref()?) < least {
+        return None;
+    }
+    let rival = others.refine(found, &options).ok()?;
     Some((rival.rig_from_world, estimate.confidence.rival(&rival.confidence)?))
 }
