@@ -1,12 +1,12 @@
-// A fresh vite project with the packed npm package and the files of docs/guide/phone-and-browser.md: an image is localized by a running
-// service, in Chromium, under `vite dev` and from `vite build` under `vite preview`.
+// A fresh vite project, as the packed npm package makes it (bindings/web/create.mjs): an image is localized by a running service, in
+// Chromium, under `vite dev` and from `vite build` under `vite preview`.
 //
 //     (cd bindings/web && npm pack --pack-destination TOOLS) && npm install --prefix TOOLS playwright-core@1
 //     scripts/web/vite.mjs --veiloc target/release/veiloc --tools TOOLS --map PLACE.vmap --image IMAGE --out OUT
 //
 // IMAGE is a view of the place whose focal length need not be known.
 import { execFileSync, spawn } from "node:child_process";
-import { mkdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { mkdirSync, readFileSync, rmSync } from "node:fs";
 import { createRequire } from "node:module";
 import path from "node:path";
 import { fileURLToPath } from "node:url";
@@ -21,17 +21,10 @@ const root = fileURLToPath(new URL("../..", import.meta.url));
 const tools = path.resolve(given.tools);
 const app = path.resolve(given.out, "app");
 rmSync(app, { recursive: true, force: true });
-mkdirSync(app, { recursive: true });
+mkdirSync(path.dirname(app), { recursive: true });
+execFileSync("npx", ["--yes", "--package", path.join(tools, "veiloc-0.1.0.tgz"), "veiloc", app], { stdio: "inherit", cwd: path.dirname(app) });
 const guide = readFileSync(path.join(root, "docs/guide/phone-and-browser.md"), "utf8");
-/** Writes a file of the guide: its name is in the first line. */
-function write(name, changed = (text) => text) {
-  const [, text] = new RegExp(`\`\`\`(?:js|html)\\n((?://|<!--) ${name.replace(".", "\\.")}[^]*?)\`\`\``).exec(guide);
-  writeFileSync(path.join(app, name), changed(text));
-}
-write("index.html");
-write("vite.config.js");
-execFileSync("npm", ["install", "--silent", "--no-audit", "--no-fund", "--prefix", app, "vite@7", path.join(tools, "veiloc-0.1.0.tgz")],
-  { stdio: "inherit" });
+if (!guide.includes(readFileSync(path.join(app, "main.js"), "utf8"))) throw new Error("the guide shows another main.js");
 
 const { chromium } = createRequire(path.join(tools, "x.js"))("playwright-core");
 const vite = path.join(app, "node_modules/.bin/vite");
@@ -39,7 +32,7 @@ let failed = false;
 
 /** Starts a program, and resolves with it and the address that it prints. */
 function started(program, words) {
-  const child = spawn(program, words, { cwd: app, env: { ...process.env, NO_COLOR: "1" } });
+  const child = spawn(program, words, { cwd: app, env: { ...process.env, NO_COLOR: "1", VEILOC: service?.address ?? "" } });
   return new Promise((resolve, reject) => {
     let log = "";
     const read = (data) => {
@@ -75,9 +68,8 @@ async function answer(address) {
 
 const PORT = 5173;
 const map = `lobby=${path.resolve(given.map)}`;
-const service = await started(path.resolve(given.veiloc), ["serve", "--map", map, "--listen", "127.0.0.1:0", "--answer-quantum", "0", "--log", "off",
-  "--cors-origin", `http://localhost:${PORT}`]);
-write("main.js", (text) => text.replace("http://localhost:8080", service.address));
+let service;
+service = await started(path.resolve(given.veiloc), ["serve", "--map", map, "--listen", "127.0.0.1:0", "--answer-quantum", "0", "--log", "off"]);
 try {
   for (const [name, command] of [["vite dev", "dev"], ["vite build", "preview"]]) {
     if (name === "vite build") execFileSync(vite, ["build", "--logLevel", "error"], { cwd: app, stdio: "inherit" });
