@@ -77,6 +77,11 @@ async function main() {
   const browser = await browse();
   const page = await open(browser, address, tried);
   await page.waitForFunction(() => document.getElementById("sent").children.length >= 3);
+  for (const [width, height] of [[390, 844], [1280, 900]]) {
+    await page.setViewportSize({ width, height });
+    const { y, height: tall } = await page.locator("#find").boundingBox();
+    check(`Find me is in the first ${width}x${height}`, y + tall <= height, `down to ${y + tall}`);
+  }
   if (await onlySeals(page, views.slice(0, 4), profile)) return;
   await screens(page, "begin");
 
@@ -287,13 +292,35 @@ async function main() {
   console.log("== a service that requires a token");
   const { address: protectedService, token } = await serveWithToken();
   const seenThere = [];
-  const there = await recordingProxy(protectedService, seenThere);
+  // A named anchor at the origin, as the service lists them.
+  const anchors = path.join(out, "anchors.json");
+  writeFileSync(anchors, JSON.stringify({ version: 1, anchors: [{ name: "entrance", map_from_anchor: { q: [1, 0, 0, 0], t: [0, 0, 0] } }] }));
+  const there = await recordingProxy(protectedService, seenThere, (url) => (url.endsWith("/anchors") ? anchors : null));
   const guest = await open(last, there, tried);
   await answered(guest, "failed");
   await screens(guest, "token");
-  await guest.locator("#token").fill(token);
+  await guest.locator("#token").fill("x".repeat(64));
   await guest.keyboard.press("Tab");
-  await guest.waitForFunction(() => document.getElementById("answer").dataset.state === "" && document.getElementById("sent").children.length >= 2);
+  await guest.waitForFunction(() => document.getElementById("answer").textContent.includes("does not accept"));
+  const ready = () => guest.waitForFunction(() => document.getElementById("answer").dataset.state === "" && document.getElementById("sent").children.length >= 2);
+  await guest.goto(`${there}#token=${token}`);
+  await ready();
+  check("a link with the token opens the map, and leaves the address bar", guest.url() === there, guest.url());
+  await guest.reload();
+  await ready();
+  const kept = await guest.evaluate((token) => [sessionStorage, localStorage].map((store) => JSON.stringify({ ...store }).includes(token)), token);
+  const visitor = await open(last, `${there}#token=${token}`, tried);
+  await visitor.waitForFunction(() => document.getElementById("sent").children.length >= 2);
+  check("a link in a new tab does the same", visitor.url() === there, visitor.url());
+  check("the token is kept in this tab only", kept[0] && !kept[1], kept.join(" "));
+  await guest.locator("#file").setInputFiles(path.join(place, "images", views[1].file));
+  await guest.waitForFunction(() => !document.getElementById("find").disabled, undefined, { timeout: 30_000 });
+  await guest.locator("#find").click();
+  await answered(guest, "trusted");
+  const [at, near] = [await guest.locator("#answer").textContent(), await guest.locator("#detail").textContent()];
+  const far = Math.hypot(...at.match(/-?\d+\.\d+/g).slice(0, 3).map(Number));
+  check("the distance to the nearest anchor", near.startsWith(`${Number(far.toPrecision(2))} map units from entrance.`), near);
+  await screens(guest, "no-points");
   check("the token is accepted, and no points are requested", !seenThere.some((request) => request.url.includes("points")));
   const denied = await fetch(`${protectedService}/page/points/place`);
   check("points are refused without a token", denied.status === 401);

@@ -81,7 +81,7 @@ export async function demo() {
 export async function serveWithToken() {
   const tokens = path.join(out, "tokens");
   rmSync(tokens, { force: true });
-  const token = execFileSync(veiloc, ["token", "new", "phone", "--tokens", tokens, "--maps", "place"], { encoding: "utf8" }).match(/\S{20,}/)[0];
+  const token = execFileSync(veiloc, ["token", "new", "phone", "--tokens", tokens, "--maps", "place", "--link", "http://localhost"], { encoding: "utf8" }).match(/#token=(\S+)/)[1];
   const map = path.join(place, "place.vmap");
   const address = await serve("serve", "--map", `place=${map}`, "--listen", "127.0.0.1:0", "--admin-listen", "127.0.0.1:0", "--tokens", tokens, "--page", "--page-folder", pageFolder, "--answer-quantum", "0", "--log", "off");
   return { address, token };
@@ -93,7 +93,7 @@ export async function recordingProxy(service, seen, files = () => null) {
   const proxy = http.createServer((request, response) => {
     const file = files(request.url);
     if (file) {
-      const type = { html: "text/html", js: "text/javascript", wasm: "application/wasm" }[file.split(".").pop()];
+      const type = { html: "text/html", js: "text/javascript", wasm: "application/wasm", json: "application/json" }[file.split(".").pop()];
       response.writeHead(200, { "content-type": type });
       return response.end(readFileSync(file));
     }
@@ -246,7 +246,7 @@ export function checkRequests(all, tried, own, profile) {
   console.log("== all requests");
   const files = [];
   for (const { method, url, headers, body } of all) {
-    const known = /^\/$|^\/page\/[\w.-]+$|^\/page\/points\/\w+$|^\/v1\/maps$|^\/v1\/maps\/\w+\/(profile|localize)$/.test(url);
+    const known = /^\/$|^\/page\/[\w.-]+$|^\/page\/points\/\w+$|^\/v1\/maps$|^\/v1\/maps\/\w+\/(profile|localize|anchors)$/.test(url);
     if (!known) check("only resources of the service are requested", false, `${method} ${url}`);
     const odd = Object.keys(headers).filter((name) => !HEADERS.has(name) && !name.startsWith("sec-"));
     if (odd.length) check("no additional headers", false, `${url}: ${odd.join(" ")}`);

@@ -14,7 +14,7 @@ const number = new Intl.NumberFormat("en", { maximumFractionDigits: 0 });
 const bytes = (count) => (count < 1e6 ? `${number.format(count / 1000)} kB` : `${(count / 1e6).toFixed(1)} MB`);
 
 /** The state of the page. */
-const now = { about: { points: 0, views: [] }, client: null, map: null, device: null, sealer: null, options: "", session: null, sensors: null, source: null, shown: null, busy: false, stale: false, finding: false, refreshed: Promise.resolve(), following: false };
+const now = { about: { points: 0, views: [], north: {} }, client: null, map: null, facts: {}, anchors: [], answer: null, device: null, sealer: null, options: "", session: null, sensors: null, source: null, shown: null, busy: false, stale: false, finding: false, refreshed: Promise.resolve(), following: false };
 /** Number of the displayed image; a later image makes a pending drawing stale. */
 let generation = 0;
 /** `AbortController` of the running attack, or null. */
@@ -41,15 +41,18 @@ function showStatus(text, state = "", detail = "") {
  * both show (docs/reference/privacy-rules.md, rule L10).
  */
 function showTooManyStarts() {
+  const isLive = now.source?.kind === "camera";
   const why = el("oriented").checked
-    ? "The motion sensors, which prevent this, are not available on this device or in this browser"
-    : "The motion sensors, which prevent this, are switched off in the settings";
+    ? "The motion sensors, which prevent this, are not available on this device or in this browser."
+    : "The motion sensors, which prevent this, are switched off in the settings.";
   const then = now.following ? " Then following continues automatically." : "";
   showStatus(
     "Not sent: another image of this place would reveal too much.",
     "waiting",
-    `Two images were already taken from different spots. The lines of a third image would cross theirs exactly at the keypoints. ${why}. ` +
-      `Go back to your earlier spot and stand still or turn on the spot, walk to a different area, or use a phone with motion sensors.${then}`,
+    "Two images were already taken from different spots. The lines of a third image would cross theirs exactly at the keypoints. " +
+      (isLive
+        ? `${why} Go back to your earlier spot and stand still or turn on the spot, walk to a different area, or use a phone with motion sensors.${then}`
+        : "Choose an image of another area, or one from the spot where the last one was taken, turned on the spot. To ask more often at one place, use the camera of a phone with motion sensors from the start."),
   );
 }
 
@@ -58,7 +61,8 @@ const ERRORS = {
   "turned-away": ["Turn further, or turn back.", "The camera sees too little of the first view, and not enough of a new one."],
   "not-localized": ["Position not found.", "This image shows too little of the map, or the place has changed. Point the camera at something with more detail, or walk a few steps, and try again."],
   busy: ["The service is busy.", "Try again in a moment."],
-  token: ["This service needs an access token. Enter it in the settings."],
+  token: ["This service needs an access token.", "Open the link that you were given or scan its code, or enter the token in the settings."],
+  "token-refused": ["This service does not accept your access token.", "It may have expired: ask for a new link."],
   "wrong-profile": ["The map was replaced.", "Reload this page, and take another image from a few steps away."],
   network: ["The service cannot be reached.", "Check your connection, and try again."],
   unbalanced: ["One side of the image has too little detail.", "Turn or move a little, and try again."],
@@ -67,7 +71,8 @@ const ERRORS = {
 function showError(error) {
   if (error.kind === "too-many-starts") return showTooManyStarts();
   const known = error instanceof VeilocError;
-  const [what, remedy = error.message] = ERRORS[error.kind] ?? [known ? "This did not work." : "An unexpected error occurred."];
+  const name = error.kind === "token" && el("token").value.trim() ? "token-refused" : error.kind;
+  const [what, remedy = error.message] = ERRORS[name] ?? [known ? "This did not work." : "An unexpected error occurred."];
   showStatus(what, "failed", remedy);
   if (error.kind === "token") {
     el("settings").open = true;
@@ -92,6 +97,12 @@ function record(what, rows, size, result) {
   while (el("sent").children.length > 200) el("sent").lastChild.remove();
 }
 
+/** What schemes for comparison do not protect. */
+const WEAK = {
+  "random-lines": "This protects less: anyone who reads such a query finds most keypoints.",
+  "coordinate-permutation": "This protects less: anyone who reads such a query finds a part of the keypoints.",
+};
+
 function updateButtons() {
   const ready = Boolean(now.source && now.device);
   // Sealing for display does not disable it: that would take the click that ends the typing of a setting.
@@ -99,6 +110,8 @@ function updateButtons() {
   el("follow").disabled = !ready || now.source.kind !== "camera" || !sessions();
   el("follow").setAttribute("aria-pressed", String(now.following));
   el("follow").textContent = now.following ? "Stop following" : "Follow me";
+  el("weak").textContent = WEAK[el("scheme").value] ?? "";
+  el("weak").hidden = el("weak").textContent === "";
   // Shown before the user tries to walk.
   const hasNoOrientation = now.source?.kind === "camera" && !(el("oriented").checked && now.sensors?.now());
   el("no-sensors").hidden = !(hasNoOrientation && sessions());
@@ -106,10 +119,29 @@ function updateButtons() {
 
 // --- service and map
 
-async function connect() {
-  now.client = new Client(server, { token: el("token").value });
+/** The token of a link `#token=…`, which leaves the address bar at once, or of this tab. A fragment is never sent to a server. */
+function givenToken() {
+  const given = new URLSearchParams(location.hash.slice(1)).get("token");
+  if (given) history.replaceState(null, "", location.pathname + location.search);
+  return given ?? inTab();
+}
+
+/** Reads the token of this tab, or replaces it. */
+function inTab(token) {
   try {
+    if (token !== undefined) sessionStorage.setItem("veiloc token", token);
+    return sessionStorage.getItem("veiloc token") ?? "";
+  } catch {
+    return token ?? ""; // The browser stores nothing.
+  }
+}
+
+async function connect() {
+  inTab(el("token").value.trim());
+  try {
+    now.client = new Client(server, { token: el("token").value });
     const maps = await now.client.maps();
+    now.facts = Object.fromEntries(maps.map((map) => [map.name, map]));
     record("List of maps", null, 0, `${maps.length} ${maps.length === 1 ? "map" : "maps"}`);
     el("map").replaceChildren(...maps.map((map) => new Option(map.name, map.name)));
     el("map-field").hidden = maps.length < 2;
@@ -148,22 +180,39 @@ async function selectMap(name) {
   if (now.source) await refresh();
 }
 
+/** Fetches something of the service that it may not have; null then. */
+async function optional(path) {
+  const token = el("token").value.trim();
+  const reply = await fetch(new URL(path, server), { headers: token ? { authorization: `Bearer ${token}` } : {}, credentials: "omit" }).catch(() => null);
+  return reply?.ok ? reply : null;
+}
+
+/** Shows the map: its points if the service publishes some, and its named anchors. */
 async function points(name) {
   el("position-frame").hidden = false;
   let all = new Float32Array();
-  if (now.about.points > 0) {
-    const token = el("token").value.trim();
-    const reply = await fetch(new URL(`page/points/${encodeURIComponent(name)}`, server), {
-      headers: token ? { authorization: `Bearer ${token}` } : {},
-      credentials: "omit",
-    });
-    if (reply.ok) {
-      all = new Float32Array(await reply.arrayBuffer());
-      record("Points of the map", null, 0, number.format(all.length / 3));
-    }
+  const reply = now.about.points > 0 ? await optional(`page/points/${encodeURIComponent(name)}`) : null;
+  if (reply) {
+    all = new Float32Array(await reply.arrayBuffer());
+    record("Points of the map", null, 0, number.format(all.length / 3));
   }
-  el("map-view").setAttribute("aria-label", all.length ? `${number.format(all.length / 3)} points of the map; the text above gives your position` : "The points of this map are not public; the text above gives your position");
-  mapView.show(all);
+  now.anchors = await anchors(name);
+  const hint = all.length ? `${number.format(all.length / 3)} points of the map.` : "This service publishes no points of the map. Your camera appears beside the map's axes.";
+  el("map-hint").textContent = hint;
+  el("map-view").setAttribute("aria-label", `${hint} The text above gives your position.`);
+  const { down, metres_per_unit: metres } = now.facts[name] ?? {};
+  const turn = (now.about.north?.[name] * Math.PI) / 180;
+  const isLevel = !down || down[2] < -0.9999;
+  const north = Number.isFinite(turn) && isLevel ? [Math.sin(turn), Math.cos(turn), 0] : null;
+  mapView.show(all, { down, north, metres: metres === 1, anchors: now.anchors });
+}
+
+/** The named anchors of the map, with their positions; none where the service has none. */
+async function anchors(name) {
+  const list = await (await optional(`v1/maps/${encodeURIComponent(name)}/anchors`))?.json().catch(() => null);
+  const known = (list?.anchors ?? []).filter(({ name, map_from_anchor: pose }) => typeof name === "string" && pose?.t?.length === 3 && pose.t.every(Number.isFinite));
+  if (known.length) record("Anchors of the map", null, 0, number.format(known.length));
+  return known.map(({ name, map_from_anchor: pose }) => ({ name, at: pose.t }));
 }
 
 // --- images
@@ -232,7 +281,7 @@ async function draw({ image, width, height, sealed }) {
   drawLeaves(el("leaves"), shown);
   const what = `${number.format(sealed.rows)} lines with descriptors, at most ${bytes(sealed.bytes.byteLength)}`;
   el("leaves").setAttribute("aria-label", what);
-  el("leaves-text").textContent = `${what}, in a random order.${sealed.unbalanced ? " It cannot be localized: one side of the image has too little detail." : ""}`;
+  el("leaves-text").textContent = `${what}, in a random order.${sealed.unbalanced ? " It cannot be localized: one side of the image has too little detail." : ""} ${WEAK[el("scheme").value] ?? ""}`;
   // With a live camera a running attack is finished first, and images meanwhile are skipped; a chosen image is attacked at once.
   if (!attacking || now.source?.kind !== "camera") runAttack(sealed);
 }
@@ -240,6 +289,8 @@ async function draw({ image, width, height, sealed }) {
 /** Attacks a query in the background; sealing does not wait for it. */
 async function runAttack(sealed) {
   attacking?.abort();
+  attacking = null;
+  if (el("attack").value === "operator") return showOperator(sealed).catch(() => {}); // It was replaced meanwhile.
   const own = new AbortController();
   attacking = own;
   const { value } = el("attack");
@@ -253,6 +304,22 @@ async function runAttack(sealed) {
   } finally {
     if (attacking === own) attacking = null;
   }
+}
+
+/**
+ * The attacker that matters: it has the map's images, and the pose as soon as it has found one. This page has neither, so it draws the
+ * worst case, every keypoint, and says how far the service got with this image, or with those of the tests.
+ */
+async function showOperator(sealed) {
+  const { width, height, hidden } = await sealed.show();
+  if (sealed !== now.shown) return;
+  drawAttackResult(el("attacked"), { width, height, answers: hidden, truth: [] });
+  const found = now.answer?.sealed === sealed ? now.answer.inliers : null;
+  const matched = found
+    ? `The service found you, so it knows ${number.format(found)} of these keypoints to about 2 px.`
+    : "When the service has found you, it knows the keypoints that match its map to about 2 px.";
+  el("attack-text").textContent = `${matched} Of the others it may know those that its own images show. Drawn is the worst case, all of them.`;
+  el("attacked").setAttribute("aria-label", `The keypoints that were sent. ${matched}`);
 }
 
 function showAttack(result, isShown) {
@@ -373,6 +440,8 @@ async function locate(prepared) {
       }
       record("Sealed query", sealed.rows, sealed.bytes.byteLength, answer.state);
     }
+    now.answer = { sealed, inliers: answer.inliers };
+    if (el("attack").value === "operator") showOperator(sealed).catch(() => {});
     showAnswer(answer, performance.now() - began);
   } catch (error) {
     showError(error);
@@ -381,17 +450,26 @@ async function locate(prepared) {
 
 function showAnswer(answer, milliseconds) {
   const digits = answer.position_sd > 0 ? Math.min(6, Math.max(1, 1 - Math.floor(Math.log10(answer.position_sd)))) : 3;
+  // The service knows no other unit than the metre.
+  const unit = answer.metres_per_unit === 1 ? "m" : "map units";
   const at = answer.center?.map((x) => x.toFixed(digits)).join(", ");
-  const sd = answer.position_sd == null ? "unknown" : answer.position_sd.toPrecision(2);
-  const detail = `${number.format(answer.inliers)} of ${number.format(answer.matches)} matches agree; the answer took ${number.format(milliseconds)} ms.`;
+  const sd = answer.position_sd == null ? "" : ` ± ${answer.position_sd.toPrecision(2)}`;
+  const near = answer.center ? nearest(answer.center, unit) : "";
+  const detail = `${near}${number.format(answer.inliers)} of ${number.format(answer.matches)} matches agree; the answer took ${number.format(milliseconds)} ms.`;
   const isTrusted = answer.state === "trusted";
-  const unit = answer.metres_per_unit === 1 ? "In metres" : "In map units";
-  if (isTrusted) showStatus(`You are at ${at} ± ${sd}`, "trusted", `${unit}. ${detail}`);
-  else showStatus(at ? `Not sure: perhaps at ${at}` : "Not sure where this is", "doubtful", `${answer.doubts.map((doubt) => doubt.text).join("; ")}. ${detail}`);
+  if (isTrusted) showStatus(`You are at ${at}${sd} ${unit}`, "trusted", detail);
+  else showStatus(at ? `Not sure: perhaps at ${at} ${unit}` : "Not sure where this is", "doubtful", `${answer.doubts.map((doubt) => doubt.text).join("; ")}. ${detail}`);
   if (answer.center && answer.cam_from_world) {
     mapView.add(answer);
     el("map-view").setAttribute("aria-label", `The map's points; ${isTrusted ? "you are" : "perhaps you are"} at ${at}`);
   }
+}
+
+/** How far it is to the nearest named anchor, as a sentence; empty without one. */
+function nearest(center, unit) {
+  const all = now.anchors.map(({ name, at }) => ({ name, far: Math.hypot(...at.map((x, i) => x - center[i])) }));
+  const best = all.sort((a, b) => a.far - b.far)[0];
+  return best ? `${Number(best.far.toPrecision(2))} ${unit} from ${best.name}. ` : "";
 }
 
 async function find() {
@@ -445,6 +523,7 @@ function showViews(views) {
 
 async function begin() {
   for (const canvas of ["stays", "leaves", "attacked"]) clear(el(canvas));
+  el("token").value = givenToken();
   if (typeof WebAssembly !== "object" || typeof OffscreenCanvas !== "function" || !AbortSignal.any) {
     return showStatus("This browser is too old for this page.", "failed", "Use Chrome 116, Firefox 124, Safari 17.4, or newer.");
   }
@@ -452,7 +531,14 @@ async function begin() {
   el("file").addEventListener("change", ({ target }) => target.files[0] && useImage(target.files[0]));
   el("map").addEventListener("change", ({ target }) => selectMap(target.value).catch(showError));
   el("token").addEventListener("change", connect);
+  addEventListener("hashchange", () => {
+    const given = givenToken();
+    if (given === el("token").value) return;
+    el("token").value = given;
+    connect();
+  });
   for (const id of ["intrinsics", "scheme", "max-keypoints"]) el(id).addEventListener("change", refresh);
+  el("scheme").addEventListener("change", updateButtons);
   el("oriented").addEventListener("change", updateButtons);
   el("attack").addEventListener("change", () => now.shown && runAttack(now.shown));
   el("find").addEventListener("click", find);

@@ -69,7 +69,7 @@ pub(crate) fn run(args: &Args, ui: &Ui) -> Outcome {
 /// Serves the scene on a local web page.
 fn serve(args: &Args, demo: &DemoOptions, ui: &Ui) -> Outcome {
     // Errors of the page appear before the scene is rendered.
-    let mut page_config = PageConfig { points: SHOWN_POINTS, views: Vec::new() };
+    let mut page_config = PageConfig { points: SHOWN_POINTS, ..PageConfig::default() };
     page(args.page_folder.as_ref(), &page_config)?;
     let HiddenViews { map, views, camera } = map_scene(demo, &Stages::new(ui))?;
     page_config.views = (views.iter())

@@ -1,5 +1,6 @@
 //! The web page of `serve` and `demo`: its files and its configuration.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use serde::Serialize;
@@ -22,12 +23,14 @@ pub(crate) fn page(folder: Option<&PathBuf>, page_config: &PageConfig) -> Result
 }
 
 /// Configuration of the page, `page.json`; program and page must have the same version.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 pub(crate) struct PageConfig {
     /// Maximum number of map points that the page shows.
     pub points: usize,
     /// Images that the page offers.
     pub views: Vec<PageView>,
+    /// By map, where it is known: the direction of its x axis, degrees from east, counter-clockwise.
+    pub north: BTreeMap<String, f64>,
 }
 
 /// An image that the page offers.

@@ -321,7 +321,8 @@ fn options(args: &Args) -> Result<ServerOptions, Failure> {
     options.watch = Some(seconds(args.watch));
     options.otlp.clone_from(&args.otlp);
     if args.page {
-        let page_config = PageConfig { points: args.page_points, views: Vec::new() };
+        let north = args.geo_reference.iter().map(|at| (at.map.clone(), at.x_from_east_deg)).collect();
+        let page_config = PageConfig { points: args.page_points, views: Vec::new(), north };
         options.page = Some(Arc::new(page(args.page_folder.as_ref(), &page_config)?));
         options.page_points = args.page_points;
     }

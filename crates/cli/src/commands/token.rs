@@ -49,7 +49,14 @@ pub(crate) struct NewArgs {
     /// the delay of --answer-quantum, and its word is taken for which client a query comes from.
     #[arg(long)]
     gateway: bool,
-    /// File to write the token to, readable by its owner only. Default: stdout.
+    /// Print a link to the page of `serve --page` at this address, in place of the token: its fragment holds the token, which
+    /// browsers do not send.
+    #[arg(long, value_name = "https://HOST", value_parser = page_address, conflicts_with_all = ["operator", "gateway"])]
+    link: Option<String>,
+    /// Write the link as a QR code (SVG), readable by its owner only.
+    #[arg(long, value_name = "FILE", requires = "link")]
+    qr: Option<OutFile>,
+    /// File to write the token or link to, readable by its owner only. Default: stdout.
     #[arg(long, short, value_name = "FILE")]
     out: Option<OutFile>,
 }
@@ -78,6 +85,23 @@ fn map_name(text: &str) -> Result<String, String> {
         Ok(text.to_owned())
     } else {
         Err("names of maps are expected, separated by commas without spaces: lobby,garage".to_owned())
+    }
+}
+
+/// The address of a page, without the slash at its end.
+fn page_address(text: &str) -> Result<String, String> {
+    let (scheme, rest) = text.split_once("://").unwrap_or_default();
+    let host = rest.split('/').next().unwrap_or_default();
+    let is_own = ["localhost", "127.0.0.1", "[::1]"]
+        .iter()
+        .any(|own| host.strip_prefix(own).is_some_and(|port| port.is_empty() || port.starts_with(':')));
+    let is_valid = (scheme == "https" || (scheme == "http" && is_own))
+        && !host.is_empty()
+        && text.bytes().all(|byte| byte.is_ascii_graphic() && !b"?#@\"<>".contains(&byte));
+    if is_valid {
+        Ok(text.trim_end_matches('/').to_owned())
+    } else {
+        Err("the https address of the page is expected, such as https://places.example:8443".to_owned())
     }
 }
 
@@ -117,20 +141,36 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
     let mut file = TokenFile::open(&args.tokens).map_err(|e| read_error(&e))?;
     let text = added(file.text(), &entry).map_err(|e| wrong(&e))?;
     // The token first: a line in the file whose token is lost is worse than a token that is not in force.
+    let link = args.link.as_ref().map(|address| format!("{address}/#token={}", secret.reveal()));
+    let shown = link.as_deref().unwrap_or(secret.reveal());
+    let write = |out: &OutFile, text: &str| {
+        write_secret(out, text).map_err(|error| Failure::output(out.display(), &error))
+    };
+    if let (Some(out), Some(link)) = (&args.qr, &link) {
+        write(out, &qr_code(link)?)?;
+    }
     if let Some(out) = &args.out {
-        write_secret(out, &secret).map_err(|error| Failure::output(out.display(), &error))?;
+        write(out, shown)?;
     }
     file.replace(&text).map_err(write_error)?;
     let permissions = describe_permissions(&entry);
     let use_by = if args.gateway { "serve --worker-token" } else { "query send --token-file" };
-    if let Some(out) = &args.out {
+    if link.is_some() {
+        if args.out.is_none() {
+            ui.print(format_args!("{shown}\n"));
+        }
+        ui.info(format_args!(
+            "{} may send requests{permissions}. So may everyone who has the link: `veiloc token revoke {}` ends it.",
+            args.name, args.name
+        ));
+    } else if let Some(out) = &args.out {
         ui.info(format_args!(
             "{} may send requests{permissions}. The token is in {}; send it by `veiloc {use_by}`.",
             args.name,
             out.display()
         ));
     } else {
-        ui.print(format_args!("{}\n", secret.reveal()));
+        ui.print(format_args!("{shown}\n"));
         ui.info(format_args!(
             "{} may send requests{permissions}. The line above is the token: it is not stored anywhere, so save it \
              now.\nSend it as `Authorization: Bearer TOKEN`, or save it in a file for `veiloc {use_by}`; --out \
@@ -141,10 +181,17 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
     Ok(Exit::Success)
 }
 
-/// Writes a token as `--token-file` reads it; a new file is readable by its owner only.
-fn write_secret(path: &Path, secret: &Secret) -> std::io::Result<()> {
+/// Writes a line, such as a token as `--token-file` reads it; a new file is readable by its owner only.
+fn write_secret(path: &Path, text: &str) -> std::io::Result<()> {
     let lock = TargetLock::acquire(path)?;
-    replace_file(&lock, Permissions::OwnerAndGroup, |out| writeln!(out, "{}", secret.reveal()))
+    replace_file(&lock, Permissions::OwnerAndGroup, |out| writeln!(out, "{text}"))
+}
+
+/// A QR code as SVG, with the quiet zone that scanners need.
+fn qr_code(text: &str) -> Result<String, Failure> {
+    let code = qrcode::QrCode::new(text)
+        .map_err(|error| Failure::refused(format!("--qr: the link is too long for a code: {error}")))?;
+    Ok(code.render::<qrcode::render::svg::Color<'_>>().min_dimensions(480, 480).build())
 }
 
 fn expiry_too_far(days: u32) -> Failure {

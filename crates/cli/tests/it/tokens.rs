@@ -64,6 +64,40 @@ fn token_file_is_readable_by_its_owner_only() {
     assert!(!folder.path("other.token").exists());
 }
 
+/// A link has the token in its fragment, which browsers do not send.
+#[test]
+fn link_and_its_code_hold_the_token() {
+    let folder = folder();
+    let command = "token new visitors --tokens tokens --maps lobby --link https://places.example:8443/ --qr visitors.svg";
+    let made = folder.run(command).succeeded();
+    let token = made.stdout.trim_end().strip_prefix("https://places.example:8443/#token=").expect("a link");
+    assert!(list(&folder).find(&TokenKey::of_token(token.as_bytes())).is_some());
+    assert!(!made.stderr.contains(token));
+    let svg = String::from_utf8(folder.read("visitors.svg")).expect("text");
+    assert!(svg.contains("<svg") && svg.len() > 1000, "{svg}");
+    for (address, part) in [
+        ("http://places.example", "https"),
+        ("https://", "https"),
+        ("http://localhost.example", "https"),
+        ("https://places.example/#a", "https"),
+        ("https://places.example/?a=b", "https"),
+        ("https://me@places.example", "https"),
+    ] {
+        let run = folder.run(&format!("token new other --tokens tokens --link {address}"));
+        assert_eq!(run.code, Some(2), "{run}");
+        assert!(run.stderr.contains(part), "{run}");
+    }
+    let here =
+        folder.run("token new here --tokens tokens --link http://localhost:8080 --out here.link").succeeded();
+    assert_eq!(here.stdout, "");
+    assert!(
+        String::from_utf8(folder.read("here.link"))
+            .expect("text")
+            .starts_with("http://localhost:8080/#token=")
+    );
+    assert_eq!(folder.run("token new code --tokens tokens --qr a.svg").code, Some(2), "a code needs a link");
+}
+
 #[test]
 fn invalid_changes_are_refused_and_file_stays() {
     let folder = folder();
