@@ -116,7 +116,7 @@ pub fn scenes(report: &LocalizationReport) -> Markup {
     let judged = report.outcomes.iter().any(|outcome| outcome.truth.is_some());
     html! {
         p {
-            @if judged { "Hollow cameras are the true poses, filled ones the estimates; a red line joins the two. " }
+            @if judged { "Hollow cameras are the poses given for comparison, filled ones the estimates; a red line joins the two. " }
             @else { "Filled cameras are the estimated poses. " }
             "Green: trusted; yellow: doubtful; red cross: no pose. The disc around an estimate is its ±, enlarged by \
              the factor in the control below the drawing."

@@ -95,9 +95,29 @@
       this.reset();
     }
 
-    reset() { this.yaw = this.first; this.pitch = 0.62; this.away = 2.75 * this.size; this.target = [...this.middle]; }
+    reset() { this.yaw = this.first; this.pitch = 0.62; this.fit(); }
 
-    above() { this.yaw = 0; this.pitch = Math.PI / 2 - 1e-3; this.away = 2.5 * this.size; this.target = [...this.middle]; }
+    above() { this.yaw = 0; this.pitch = Math.PI / 2 - 1e-3; this.fit(); }
+
+    /** Steps back until all cameras are in the picture, and of the points all but the farthest hundredth. */
+    fit() {
+      this.whole = true;
+      this.target = [...this.middle];
+      this.away = this.size;
+      this.look();
+      const [right, down, front] = this.view, { width, height } = this.canvas;
+      const from = (p) => {
+        const d = sub(p, this.middle);
+        return this.focal * Math.max(Math.abs(dot(right, d)) / (0.46 * width), Math.abs(dot(down, d)) / (0.44 * height)) - dot(front, d);
+      };
+      const far = [];
+      for (let i = 0; i < this.cloud.length; i += 3) far.push(from(this.cloud.subarray(i, i + 3)));
+      far.sort((x, y) => x - y);
+      const found = this.queries.flatMap((q) => q.found.filter((f) => f.at && KINDS[f.kind] === "trusted").map((f) => f.at));
+      const cams = [...this.mapped, ...this.queries.map((q) => q.truth).filter(Boolean), ...found];
+      const ends = cams.flatMap((c) => [c.center, ...corners(c, 0.055 * this.size)]);
+      this.away = ends.reduce((most, p) => Math.max(most, from(p)), Math.max(1.2 * this.size, far[Math.floor(0.99 * (far.length - 1))] || 0));
+    }
 
     listen(find) {
       const again = () => this.draw();
@@ -145,9 +165,10 @@
       matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.resize());
     }
 
-    turn(yaw, pitch) { this.yaw += yaw; this.pitch = Math.max(-1.5, Math.min(1.57, this.pitch + pitch)); }
-    zoom(by) { this.away = Math.max(0.02 * this.size, Math.min(12 * this.size, this.away * by)); }
+    turn(yaw, pitch) { this.whole = false; this.yaw += yaw; this.pitch = Math.max(-1.5, Math.min(1.57, this.pitch + pitch)); }
+    zoom(by) { this.whole = false; this.away = Math.max(0.02 * this.size, Math.min(12 * this.size, this.away * by)); }
     pan(dx, dy) {
+      this.whole = false;
       const step = this.away / this.focal * this.ratio;
       this.target = along(along(this.target, this.view[0], -dx * step), this.view[1], -dy * step);
     }
@@ -158,7 +179,7 @@
       this.query.value = String(index);
       const q = this.queries[index];
       const cam = q && (q.truth || (this.found(q) || {}).at);
-      if (cam) { this.target = along(cam.center, cam.front, 0.12 * this.size); this.away = Math.min(this.away, 0.9 * this.size); }
+      if (cam) { this.whole = false; this.target = along(cam.center, cam.front, 0.12 * this.size); this.away = Math.min(this.away, 0.9 * this.size); }
       this.describe();
     }
 
@@ -197,6 +218,7 @@
       this.canvas.width = Math.round(w * this.ratio);
       this.canvas.height = Math.round(h * this.ratio);
       this.colors();
+      if (this.whole) this.fit();
       this.draw();
     }
 
