@@ -33,6 +33,12 @@ impl ImageInput {
             GrayImage::from_rgb8(width, height, &samples)
         } else if let Ok(array) = image.extract::<PyReadonlyArray2<'_, f32>>() {
             let view = array.as_array();
+            // Filters that sharpen go a little beyond white.
+            if let Some(bright) = view.iter().find(|value| **value > 2.0) {
+                return Err(BindingError::input(format_args!(
+                    "image: an array of float32 must be in [0, 1], and has {bright}; divide it by its largest possible value, such as 255"
+                )));
+            }
             GrayImage::new(side(view.ncols())?, side(view.nrows())?, view.iter().copied().collect())
         } else {
             return Err(BindingError::input(

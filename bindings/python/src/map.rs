@@ -652,7 +652,7 @@ fn options(
 pub(crate) fn frames_of(frames: &Bound<'_, PyAny>) -> Result<Vec<SealedFrame>> {
     let refused = || {
         BindingError::input(
-            "frames: must be a list of (bytes, CameraPose) or (bytes, CameraPose, degrees, map units)",
+            "frames: must be a list of at least one (bytes, CameraPose) or (bytes, CameraPose, degrees, map units)",
         )
     };
     let frame = |entry: PyResult<Bound<'_, PyAny>>| -> Result<SealedFrame> {
@@ -671,7 +671,9 @@ pub(crate) fn frames_of(frames: &Bound<'_, PyAny>) -> Result<Vec<SealedFrame>> {
             translation_sd,
         })
     };
-    frames.try_iter().map_err(|_| refused())?.map(frame).collect()
+    let all: Vec<SealedFrame> =
+        frames.try_iter().map_err(|_| refused())?.map(frame).collect::<Result<_>>()?;
+    if all.is_empty() { Err(refused()) } else { Ok(all) }
 }
 
 fn self_test_dict<'py>(py: Python<'py>, test: &SelfTest) -> PyResult<Bound<'py, PyDict>> {

@@ -24,7 +24,12 @@ impl Profile {
     #[staticmethod]
     fn open(path: PathBuf) -> Result<Self> {
         let bytes = std::fs::read(&path).map_err(|e| BindingError::file(&path, e))?;
-        veiloc_protocol::Profile::decode(&bytes).map(Self).map_err(|e| BindingError::file(&path, e))
+        veiloc_protocol::Profile::decode(&bytes).map(Self).map_err(|e| {
+            BindingError::file(
+                &path,
+                format_args!("{e}; of a map file, Map.open(path).profile is the profile"),
+            )
+        })
     }
 
     /// Decodes a profile.

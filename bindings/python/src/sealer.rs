@@ -30,7 +30,8 @@ use crate::session::Session;
 ///     profile: profile of the map.
 ///     scheme: `"dcl"` and its layouts, `"random-lines"`, `"coordinate-permutation"`, or `"points"`, which hides
 ///         nothing.
-///     max_keypoints: most rows to send. Default: the number that the profile requests, at most 2048.
+///     max_keypoints: most keypoints to send; a query has at least 256 rows, filled up with decoys. Default: the number
+///         that the profile requests, at most 2048.
 ///     max_image_side: longest side to which images are scaled down, pixels, whatever the profile requests; default
 ///         2048. The next smaller size of the device's list is used.
 ///     angle_bits: bits of each quantized angle.

@@ -108,6 +108,10 @@ def test_seal_options_masks_and_schemes(rendered):
     for array in [rgb, np.asfortranarray(rgb), rgb.mean(axis=2).astype(np.float32) / 255]:
         answer = model.localize(seal(array, camera, profile))
         assert near(answer.pose, truth)
+    with pytest.raises(veiloc.InputError, match="divide"):
+        seal(rgb.mean(axis=2).astype(np.float32), camera, profile)
+    with pytest.raises(veiloc.Error, match="max_keypoints is 0"):
+        seal(image, camera, profile, max_keypoints=0)
     hidden = np.zeros(rgb.shape[:2], bool)
     hidden[:, :120] = True
     other = np.where(hidden[..., None], 255 - rgb, rgb)
@@ -208,6 +212,8 @@ def test_session_resumes_from_bytes(rendered):
     assert near(answer.pose, veiloc.CameraPose())
     with pytest.raises(veiloc.InputError, match="frames"):
         rendered.map.localize_rig([(b"", 1)])
+    with pytest.raises(veiloc.InputError, match="at least one"):
+        rendered.map.localize_rig([])
     with pytest.raises(veiloc.Error):
         veiloc.Session.from_bytes(b"nothing")
 

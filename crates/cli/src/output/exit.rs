@@ -5,6 +5,8 @@ use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, ThreadId};
 
+use veiloc_service::ServerError;
+
 /// How the program ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Exit {
@@ -124,6 +126,13 @@ impl<E: std::error::Error + Send + Sync + 'static> From<E> for Failure {
         let Some(kind) = io_kind(&error) else {
             return Self::Refused { report: miette::Report::from_err(error) };
         };
+        if (&error as &dyn std::any::Any)
+            .downcast_ref::<ServerError>()
+            .is_some_and(|e| matches!(e, ServerError::Listen { .. }))
+        {
+            // It is about an address, not a file, and names its remedy.
+            return Self::refused(error);
+        }
         let help = remedy_of_io(kind);
         if matches!(kind, ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge) {
             return Self::Output { report: miette::miette!(help = help, "{error}") };

@@ -323,6 +323,12 @@ fn tls_and_tokens() {
         assert!(!run.stderr.contains("phone-token"), "{run}");
     }
     assert!(!service.log().contains("phone-token"));
+    let url = format!("http://localhost:{}", service.address.port());
+    let run = scene.run(&format!("{} --retries 0", send("query-0.png", &url)));
+    assert!(run.code == Some(1) && run.stderr.contains("use https://"), "{run}");
+    let run = scene.run(&format!("serve --map place=place.vmap --listen {}", service.address));
+    assert!(run.code == Some(1) && run.stderr.contains("choose another address"), "{run}");
+    assert!(!run.stderr.contains("help"), "the message has its remedy: {run}");
     // A service without TLS at an address that asks for it.
     let plain = Service::start(scene, "--map place=place.vmap");
     let url = format!("https://localhost:{}", plain.address.port());

@@ -38,6 +38,9 @@ pub enum SealError {
         /// How many there were.
         extracted: usize,
     },
+    /// The options allow no keypoint.
+    #[error("max_keypoints is 0, and a query needs keypoints; give at least 256, the smallest size class")]
+    NoneAllowed,
     /// All keypoints belong to one anchor, whose lines alone do not fix a pose.
     #[error(
         "all {keypoints} keypoints lie on one side of the dividing line, which leaves the pose undetermined; \

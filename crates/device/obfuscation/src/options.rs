@@ -211,8 +211,12 @@ impl SealOptions {
     /// How much of an image is extracted: what the profile requests, within the limits of the device.
     ///
     /// # Errors
-    /// [`SealError::VocabularyTooLarge`] when the profile's vocabulary exceeds the limit of the device.
+    /// [`SealError::VocabularyTooLarge`] when the profile's vocabulary exceeds the limit of the device,
+    /// [`SealError::NoneAllowed`] when the options allow no keypoint.
     pub(crate) fn bounded(&self, profile: &Profile) -> Result<ExtractionLimits, SealError> {
+        if self.max_keypoints == Some(0) {
+            return Err(SealError::NoneAllowed);
+        }
         let requested = profile.limits();
         let words = profile.vocabulary().map_or(0, Vocabulary::len);
         let allowed = self.limits.max_vocabulary_words;

@@ -113,14 +113,15 @@ pub(super) fn failure(error: ClientError) -> Failure {
             "the service answers plain HTTP on this port: give the address of its TLS port, or http:// with --insecure-http if the \
              network path is secure"
         }
+        ClientError::Network { reason, .. } if reason.contains("invalid HTTP version") => {
+            "the service does not answer plain HTTP on this port, perhaps because it is its TLS port: use https://"
+        }
         ClientError::Network { .. } => {
             "check the address and that the service runs; for a self-signed certificate give --ca"
         }
         ClientError::Busy { .. } => "try again later",
         ClientError::NotLocalized(_) => {
-            "send another frame of the same session (--session FILE, with --orientation if the device \
-             knows it); without a session first move by at least one step, because several images from \
-             one position reveal more than one"
+            "a session is --session FILE, an orientation --orientation QW,QX,QY,QZ"
         }
         ClientError::WrongProfile(_) => {
             "the map was replaced in the meantime: send another frame of the same session (--session \

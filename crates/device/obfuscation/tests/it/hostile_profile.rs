@@ -61,6 +61,8 @@ fn device_bounds_keypoint_count() {
     assert_eq!(sealed(&miserly, &SealOptions::default(), 4200).expect("sealed").len(), 256);
     let one = SealOptions::default().with_max_keypoints(40);
     assert_eq!(sealed(&miserly, &one, 4200).expect("sealed").len(), 256);
+    let none = SealOptions::default().with_max_keypoints(0);
+    assert!(matches!(sealed(&miserly, &none, 4200), Err(SealError::NoneAllowed)));
     for bad in [limits(1, 1600), limits(u32::MAX, 1600), limits(2048, 1), limits(2048, u32::MAX)] {
         assert!(profile().with_limits(bad).is_err(), "{bad:?} is no profile at all");
     }

@@ -211,7 +211,9 @@ impl GeoPoseRequest {
     }
 }
 
-const NOT_A_REQUEST: &str = "the body must be a GeoPoseReq of the GeoPose Protocol, version 2, in JSON";
+const NOT_A_REQUEST: &str = "the body must be a GeoPoseReq of the GeoPose Protocol, version 2, in JSON: id, type and imageBytes are strings, timestamp is a \
+     number, and sensorReadings has cameraReadings with privacy.dataSanitizationApplied, imageFormat and imageBytes (see \
+     /v1/openapi.json)";
 
 fn malformed(why: &str) -> Problem {
     Problem::Malformed(why.to_owned())

@@ -160,6 +160,8 @@ fn invalid_requests_are_refused() {
         assert_eq!(response.body.len(), Answer::PADDED_BYTES, "{what}");
     }
     assert_eq!(send(&server, b"{", PHONE).problem(), "malformed-query");
+    let quoted = ask(&server, &with("/timestamp", json!("0")));
+    assert!(quoted.text().contains("timestamp is a number"), "{}", quoted.text());
     assert_eq!(send(&server, request(&query).to_string().as_bytes(), "").problem(), "unauthenticated");
     let protobuf =
         Request::post("/geopose", &query).token(PHONE).header("content-type", "application/x-protobuf");

@@ -10,8 +10,9 @@ use super::state::{Causes, Task};
 use crate::error::MappingError;
 use crate::python::tail;
 
-/// The command that brings the program of structure from motion.
-pub const INSTALL: &str = "python3 -m pip install pycolmap";
+/// How the program of structure from motion is installed; Debian and Ubuntu refuse it outside of a virtual environment.
+pub const INSTALL: &str =
+    "python3 -m pip install pycolmap, in a virtual environment whose Python --python names";
 
 /// A program of structure from motion.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -83,10 +84,8 @@ pub(super) fn run_colmap(path: &Path, task: &Task, progress: &dyn Progress) -> R
         Err(MappingError::Sfm { reason })
     };
     if task.images.panoramas > 0 {
-        let reason = format!(
-            "panoramas need pycolmap, and only {} is there; install it with `{INSTALL}`",
-            path.display()
-        );
+        let reason =
+            format!("panoramas need pycolmap, and only {} is there; install it: {INSTALL}", path.display());
         return Err(MappingError::Sfm { reason });
     }
     let (database, images, sparse) = (task.database(), task.folder.clone(), task.sparse());
