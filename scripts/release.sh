@@ -2,7 +2,7 @@
 # Builds every artefact of a release into a folder, tries each of them in an empty environment, and writes checksums and an SBOM.
 #
 #     scripts/release.sh [DIR]              DIR: default target/veiloc-VERSION
-#     scripts/release.sh DIR program wheel  these only: program wheel npm c phone crates helm container sbom
+#     scripts/release.sh DIR program wheel  these only: program wheel npm c phone unity crates helm container sbom
 #
 # An artefact that is there is not built again, but tried again. Needs Rust with the target wasm32-unknown-unknown, Python, CMake and a
 # C++ compiler, Node.js and Chromium for npm, and a running Docker or Podman for the container. Libraries for Android and iOS need the
@@ -13,6 +13,7 @@
 #   wheel      scripts/wheel.sh
 #   npm        installed into a new vite project, which localizes an image in Chromium
 #   c          the C++ program of docs/guide/phone.md, built by CMake in an empty folder; its query is answered by the service
+#   unity      its C# with mono (scripts/phones/run.py cs does more), with the library of the archive
 #   phone      the generated Kotlin and Swift have the functions of the C library's header
 #   crates     those that are published: `cargo package` builds each of them from its package alone
 #   helm       `helm lint --strict` and `helm template` of the packed chart
@@ -40,6 +41,8 @@ versions() {
     [ "$found" = "$version" ] || fail "bindings/web/package.json has version $found, Cargo.toml $version"
     found="$(sed -n 's/^version: //p' deploy/helm/veiloc/Chart.yaml)"
     [ "$found" = "$version" ] || fail "deploy/helm/veiloc/Chart.yaml has version $found, Cargo.toml $version"
+    found="$(sed -n 's/.*"version": "\(.*\)".*/\1/p' bindings/unity/package.json | head -1)"
+    [ "$found" = "$version" ] || fail "bindings/unity/package.json has version $found, Cargo.toml $version"
     grep -q "^## $version" CHANGELOG.md || fail "CHANGELOG.md has no section $version"
 }
 
@@ -138,7 +141,7 @@ phone() {
         cargo build --locked --package veiloc-mobile --lib
         mkdir -p "$work/$name"
         bindings/mobile/generate.sh "$CARGO_TARGET_DIR/debug/libveiloc_mobile.so" "$work/$name/generated"
-        cp -r bindings/mobile/android bindings/mobile/apple examples/unity LICENSE-* "$work/$name"
+        cp -r bindings/mobile/android bindings/mobile/apple LICENSE-* "$work/$name"
         tar -czf "$out/$name.tar.gz" -C "$work" --owner=0 --group=0 "$name"
         rm -rf "${work:?}/$name"
     fi
@@ -148,6 +151,28 @@ phone() {
     for file in org/veiloc/veiloc_mobile.kt Veiloc.swift; do
         grep -q "fun.*seal" "$work/phone/generated/$file" || fail "no function seals in $file"
     done
+}
+
+unity() {
+    local archive="$out/veiloc-unity-$version.tgz"
+    if [ ! -e "$archive" ]; then
+        [ -x "$tools/zig/bin/cargo-zigbuild" ] || { python3 -m venv "$tools/zig" && "$tools/zig/bin/pip" install --quiet cargo-zigbuild ziglang; }
+        rustup target add x86_64-pc-windows-gnu aarch64-apple-darwin x86_64-apple-darwin aarch64-apple-ios
+        # Libraries that this machine cannot build are named by the script.
+        PATH="$tools/zig/bin:$PATH" scripts/phones/unity.py "$archive" --skip-missing
+    fi
+    mkdir -p "$work/unity"
+    tar -xzf "$archive" -C "$work/unity" --strip-components 1
+    if ! command -v mcs > /dev/null; then
+        echo "not tried: no mono"
+        return
+    fi
+    cat > "$work/unity/Try.cs" <<< 'class Try { static void Main() {
+        System.Console.WriteLine("library " + Veiloc.Library.Version);
+        try { Veiloc.Profile.Read(new byte[9]); } catch (Veiloc.VeilocException) { return; }
+        throw new System.Exception("a broken profile was read"); } }'
+    mcs -out:"$work/unity/try.exe" "$work/unity/Try.cs" "$work/unity/Runtime/Veiloc.cs"
+    alone env LD_LIBRARY_PATH="$work/unity/Runtime/Plugins/Linux/x86_64" mono "$work/unity/try.exe"
 }
 
 crates() {
@@ -193,11 +218,11 @@ print(len(bom["components"]), "components,", sum("licenses" in c for c in bom["c
 
 versions
 skipped=()
-for part in ${*:-program wheel npm c phone crates helm container sbom}; do
+for part in ${*:-program wheel npm c phone unity crates helm container sbom}; do
     began=$SECONDS
     echo "== $part"
     case $part in
-    program | wheel | c | phone | crates | container | sbom) $part ;;
+    program | wheel | c | phone | unity | crates | container | sbom) $part ;;
     npm) npm_package ;;
     helm) helm_chart ;;
     *) fail "unknown part: $part" ;;

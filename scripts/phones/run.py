@@ -236,9 +236,13 @@ def guide(place):
 
 def cs(place, repeat):
     """C# by mono, with the wrapper of the Unity package."""
-    unity, program = ROOT / "examples/unity", place.work / "unity.exe"
+    unity, program = ROOT / "bindings/unity", place.work / "unity.exe"
     run("mcs", "-langversion:7", "-warnaserror", "-define:VEILOC_SEEDED", f"-out:{program}", unity / "Runtime/Veiloc.cs",
         unity / "Tests~/Main.cs")
+    # The sources that need Unity, against declarations of what they use of it.
+    run("mcs", "-langversion:7", "-warnaserror", "-nowarn:649,169,414", "-unsafe", "-target:library", "-define:UNITY_2022_3_OR_NEWER",
+        f"-out:{place.work / 'unity.dll'}", unity / "Tests~/UnityStubs.cs",
+        *(file for folder in ("Runtime", "Tests", "Samples~") for file in sorted((unity / folder).rglob("*.cs"))))
     environment = dict(os.environ, MONO_PATH=str(place.libraries), LD_LIBRARY_PATH=str(place.libraries))
     mono = ["mono", program]
     return [place.seals(*mono, "seals", repeat=min(repeat, FEW), env=environment), place.locate(*mono, "locate", env=environment)]
