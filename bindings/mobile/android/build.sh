@@ -2,6 +2,7 @@
 # Builds the AAR: native libraries by the NDK, Kotlin sources by UniFFI, then Gradle.
 #
 #     ANDROID_NDK_HOME=… ANDROID_HOME=… bindings/mobile/android/build.sh
+#     bindings/mobile/android/build.sh --libraries          only the libraries and sources, for the app of examples/android
 #     bindings/mobile/android/build.sh --check LIBRARY…     only checks that shared libraries have pages of 16 kB
 #
 # Needs the NDK (26 or newer), an Android SDK with platform 35, JDK 17 and Gradle 8.9 or newer.
@@ -48,6 +49,7 @@ cargo build --locked --package veiloc-mobile --lib
 library=$(ls "$target/debug/libveiloc_mobile."{so,dylib} 2> /dev/null | head -1)
 bindings/mobile/generate.sh "$library" "$generated/sources"
 cp -r "$generated/sources/org" "$generated/kotlin"
+[ "${1-}" != --libraries ] || exit 0
 cd "$here"
 gradle --quiet assembleRelease
 ls -l "$here/build/outputs/aar"

@@ -27,7 +27,7 @@ class Localizer(private val server: String, private val map: String, private val
     /** What one burst gave. */
     class Result(val answer: Answer?, val update: Update?, val words: String)
 
-    private val sealer = Profile(request("profile", null).second).use { Sealer(it) }
+    private val sealer = Profile(request(server, map, "profile", token = token).second).use { Sealer(it) }
     private val session = Session()
     private val burst = Burst()
     val alignment = Alignment()
@@ -50,7 +50,7 @@ class Localizer(private val server: String, private val map: String, private val
             return Result(null, null, words(null, null) + " (" + unusable.message + ")")
         }
         sealed.use {
-            val (status, body) = request("localize-rig", it.bytes())
+            val (status, body) = request(server, map, "localize-rig", it.bytes(), token)
             if (status != 200) {
                 // 422: no pose was found. 429 and 503: the same bytes may be sent again after Retry-After seconds.
                 if (status == 422) misses++
@@ -69,26 +69,27 @@ class Localizer(private val server: String, private val map: String, private val
 
     private fun words(sealed: SealedBurst?, answer: Answer?): String = adviceText(advice(sealed?.newest(), answer, misses = misses))
 
-    private fun request(what: String, body: ByteArray?): Pair<Int, ByteArray> {
-        val connection = URL("$server/v1/maps/$map/$what").openConnection() as HttpURLConnection
-        connection.setRequestProperty("Accept", "application/x-protobuf")
-        token?.let { connection.setRequestProperty("Authorization", "Bearer $it") }
-        if (body != null) {
-            connection.doOutput = true
-            connection.setRequestProperty("Content-Type", "application/x-protobuf")
-            connection.outputStream.use { it.write(body) }
-        }
-        val status = connection.responseCode
-        val stream = if (status < 400) connection.inputStream else connection.errorStream
-        return Pair(status, stream?.use { it.readBytes() } ?: ByteArray(0))
-    }
-
     override fun close() {
         sealer.close()
         session.close()
         burst.close()
         alignment.close()
     }
+}
+
+/** Asks for something of a map: status and body. It blocks. */
+fun request(server: String, map: String, what: String, body: ByteArray? = null, token: String? = null): Pair<Int, ByteArray> {
+    val connection = URL("$server/v1/maps/$map/$what").openConnection() as HttpURLConnection
+    connection.setRequestProperty("Accept", "application/x-protobuf")
+    token?.let { connection.setRequestProperty("Authorization", "Bearer $it") }
+    if (body != null) {
+        connection.doOutput = true
+        connection.setRequestProperty("Content-Type", "application/x-protobuf")
+        connection.outputStream.use { it.write(body) }
+    }
+    val status = connection.responseCode
+    val stream = if (status < 400) connection.inputStream else connection.errorStream
+    return Pair(status, stream?.use { it.readBytes() } ?: ByteArray(0))
 }
 
 /** Whether the user can be shown the position. */
