@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use veiloc_features::detector::{HideOptions, ObjectMasker};
-use veiloc_features::{FeatureError, Mask, load_mask};
+use veiloc_features::{FeatureError, Mask, PersonSegmenter, load_mask};
 
+use crate::commands::user_folder::user_data;
 use crate::output::exit::Failure;
 use crate::output::items::{InputError, InputErrorKind};
 
@@ -16,16 +17,18 @@ pub(crate) struct MaskArgs {
     /// Default: nothing is hidden.
     #[arg(long, value_name = "IMAGE")]
     mask: Option<PathBuf>,
-    /// Hide the objects of these classes that a detector finds, for example person,car: their boxes with a margin, as
-    /// if a mask covered them. Objects that it misses are sent; the number of detections is reported. If the detector
-    /// cannot run, nothing is sealed. Default: no detection.
-    #[arg(long, value_name = "CLASS,…", value_delimiter = ',', requires = "detector")]
+    /// Hide what a detector finds, with a margin, as if a mask covered it: people, with MediaPipe's selfie segmentation; or
+    /// the boxes of classes of another detector, for example person,car. What it misses is sent; what it finds is
+    /// reported. If the detector cannot run, nothing is sealed. Default: no detection.
+    #[arg(long, value_name = "CLASS,…", value_delimiter = ',')]
     hide: Vec<String>,
-    /// The detector: an ONNX file in YOLO's form (versions 8 to 11) with the names of its classes. veiloc does not
-    /// include one.
+    /// The detector: selfie_segmentation.tflite of MediaPipe, or an ONNX file in YOLO's form (versions 8 to 11) with the
+    /// names of its classes. veiloc includes none. Default for people: veiloc/selfie_segmentation.tflite in
+    /// $XDG_DATA_HOME or in .local/share of your home folder.
     #[arg(long, value_name = "FILE", requires = "hide")]
     detector: Option<PathBuf>,
-    /// Margin of the boxes on each side, as a share of their width and height. Default: 0.15.
+    /// Margin: of boxes on each side, as a share of their width and height, default 0.15; of people, as a share of the
+    /// image, default 0.02.
     #[arg(long, value_name = "SHARE", requires = "hide", value_parser = margin)]
     hide_margin: Option<f32>,
 }
@@ -43,7 +46,7 @@ pub(crate) struct MaskedRegionDetector(Option<ObjectMasker>);
 pub(crate) struct MaskedRegion {
     /// `None` if nothing is hidden.
     pub(crate) mask: Option<Mask>,
-    /// Number of detections per class; `None` if no detector ran.
+    /// Number of detections per class, of people the number of regions; `None` if no detector ran.
     pub(crate) found: Option<Vec<(String, usize)>>,
 }
 
@@ -65,14 +68,43 @@ impl MaskArgs {
 
     /// Loads the detector if requested: a command whose detector cannot be used seals nothing.
     pub(crate) fn open(&self) -> Result<MaskedRegionDetector, Failure> {
-        let Some(file) = &self.detector else { return Ok(MaskedRegionDetector(None)) };
+        if self.hide.is_empty() {
+            return Ok(MaskedRegionDetector(None));
+        }
+        let file = self.detector.clone().map_or_else(|| default_detector(&self.hide), Ok)?;
         let mut options = HideOptions::default();
-        options.margin = self.hide_margin.unwrap_or(options.margin);
+        options.margin = self.hide_margin;
         Ok(MaskedRegionDetector(Some(
-            ObjectMasker::open(file, &self.hide, options).map_err(Failure::refused)?,
+            ObjectMasker::open(&file, &self.hide, options).map_err(Failure::refused)?,
         )))
     }
 }
+
+/// The user's copy of MediaPipe's selfie segmentation.
+fn default_detector(classes: &[String]) -> Result<PathBuf, Failure> {
+    if classes != [PersonSegmenter::CLASS] {
+        return Err(Failure::with_help(
+            format!("--hide {} needs a detector of these classes", classes.join(",")),
+            "give one with --detector, or use --hide people",
+        ));
+    }
+    let file = user_data().map(|folder| folder.join("selfie_segmentation.tflite"));
+    match file {
+        Some(file) if file.is_file() => Ok(file),
+        missing => {
+            let place = missing.map_or("--detector".to_owned(), |file| file.display().to_string());
+            Err(Failure::with_help(
+                format!("--hide people needs MediaPipe's selfie segmentation: {place} is missing"),
+                SOURCE,
+            ))
+        }
+    }
+}
+
+/// Where the network comes from.
+const SOURCE: &str = "get it (Apache-2.0) with `npm pack @mediapipe/selfie_segmentation@0.1.1675465747 && tar -xzf \
+    mediapipe-selfie_segmentation-0.1.1675465747.tgz package/selfie_segmentation.tflite`; its SHA-256 is \
+    8d13b7fae74af625c641226813616a2117bd6bca19eb3b75574621fc08557f27; put it there, or give it with --detector";
 
 impl MaskedRegionDetector {
     /// Returns the hidden part of an image, from the mask file and the detections. An unusable mask is an error of the
@@ -100,6 +132,10 @@ impl MaskedRegion {
         let share = self.share().map(|share| format!("{:.1} % of the image hidden", 100.0 * share));
         let found = self.found.as_ref().map(|found| match found.as_slice() {
             [] => "no objects found to hide".to_owned(),
+            [(class, 0)] => format!("0 {class} found: nothing was hidden"),
+            [(class, n)] if class == PersonSegmenter::CLASS => {
+                format!("{class} found in {n} region{}", if *n == 1 { "" } else { "s" })
+            }
             found => {
                 let each: Vec<String> = found.iter().map(|(class, n)| format!("{n} × {class}")).collect();
                 format!("found {}", each.join(" and "))

@@ -28,6 +28,7 @@ mod session_args;
 mod store_args;
 pub(crate) mod synth;
 pub(crate) mod token;
+mod user_folder;
 mod with_config;
 
 use crate::args::settings::layered;

@@ -18,7 +18,10 @@ pub(crate) fn page(folder: Option<&PathBuf>, page_config: &PageConfig) -> Result
         None => Page::folder(&std::env::current_exe()?)?,
     };
     let mut page = Page::read(&found)?;
-    page.add("page.json", serde_json::to_vec(page_config)?)?;
+    let mut page_config = serde_json::to_value(page_config)?;
+    // Whether the page can hide people: the operator put the network into the folder.
+    page_config["people"] = page.file(Page::PEOPLE).is_some().into();
+    page.add("page.json", serde_json::to_vec(&page_config)?)?;
     Ok(page)
 }
 

@@ -11,6 +11,7 @@ use veiloc_service::telemetry::{GatewayCounts, RegionCounts};
 use veiloc_service::{Regions, RemoteMap, ServerOptions};
 
 use crate::args::localization_args::positive;
+use crate::commands::user_folder::user_cache;
 use crate::output::exit::Failure;
 
 /// The store, and what to do with its maps.
@@ -57,7 +58,7 @@ impl StoreArgs {
         watch: Duration,
     ) -> Result<ServerOptions, Failure> {
         let Some(store) = &self.store else { return Ok(options) };
-        let cache = self.cache.clone().or_else(own_cache).ok_or_else(|| {
+        let cache = self.cache.clone().or_else(user_cache).ok_or_else(|| {
             Failure::with_help(
                 "there is no cache folder for what is read from the store",
                 "give one with --cache",
@@ -90,14 +91,6 @@ fn read_token(path: &PathBuf) -> Result<String, Failure> {
     let text = std::fs::read_to_string(path)
         .map_err(|error| Failure::refused(format!("--worker-token {}: {error}", path.display())))?;
     Ok(text.trim().to_owned())
-}
-
-/// A folder that only the user can write to: other users could replace objects in a shared folder.
-fn own_cache() -> Option<PathBuf> {
-    let named = |name| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-    named("XDG_CACHE_HOME")
-        .or_else(|| named("HOME").map(|home| home.join(".cache")))
-        .map(|cache| cache.join("veiloc"))
 }
 
 /// Parses the name under which a service serves a map.

@@ -43,6 +43,52 @@ fn detections_are_hidden_and_reported() {
     assert!(both["masked"].as_f64() > person["masked"].as_f64());
 }
 
+fn segmenter(name: &str) -> String {
+    format!("{}/../device/features/tests/data/segmenter/{name}.tflite", env!("CARGO_MANIFEST_DIR"))
+}
+
+#[test]
+fn people_are_hidden_and_their_absence_is_reported() {
+    let scene = scene();
+    // Rendered places are gray: what the network takes for people, red, is painted.
+    let painted = |name: &str, columns: u32| {
+        let image = image::open(scene.path("images/query-0.png")).expect("an image").into_luma8();
+        let mut image = image::DynamicImage::from(image).into_rgb8();
+        for (x, y) in (0..columns).flat_map(|x| (0..150).map(move |y| (x, y))) {
+            image.put_pixel(x, y, image::Rgb([250, 10, 20]));
+        }
+        image.save(scene.path(name)).expect("written");
+    };
+    painted("nobody.png", 0);
+    painted("somebody.png", 100);
+    let file = segmenter("red");
+    let run = |image: &str, more: &str| {
+        let seal = seal(&format!("--hide people {more} --json")).replace("images/query-0.png", image);
+        let mut command = scene.command(&seal);
+        command.env("XDG_DATA_HOME", scene.path("data-home"));
+        common::Run::of(&seal, &command.output().expect("the binary runs"))
+    };
+    let none = run("nobody.png", &format!("--detector {file}")).succeeded();
+    assert!(none.stderr.contains("0 people found: nothing was hidden, "), "{none}");
+    assert_eq!(none.json()["images"][0]["detections"], serde_json::json!({"people": 0}), "{none}");
+    assert!(none.json()["images"][0]["masked"].is_null(), "{none}");
+    let some = run("somebody.png", &format!("--detector {file}")).succeeded();
+    assert!(some.stderr.contains("people found in 1 region, "), "{some}");
+    // A quarter of the width and half of the height, and the margin.
+    let share = some.json()["images"][0]["masked"].as_f64().expect("a share");
+    assert!((0.125..0.16).contains(&share), "{some}");
+    let wide = run("somebody.png", &format!("--detector {file} --hide-margin 0.1")).succeeded();
+    assert!(wide.json()["images"][0]["masked"].as_f64() > Some(share), "{wide}");
+    // Without --detector: the user's copy, or how to get it.
+    let source = ["is missing", "npm pack @mediapipe/selfie_segmentation", "Apache-2.0", "8d13b7fa"];
+    run("somebody.png", "").refused(&source);
+    std::fs::create_dir_all(scene.path("data-home/veiloc")).expect("a folder");
+    std::fs::copy(&file, scene.path("data-home/veiloc/selfie_segmentation.tflite")).expect("copied");
+    assert_eq!(run("somebody.png", "").succeeded().json(), some.json());
+    let all = scene.run(&seal(&format!("--hide people --detector {}", segmenter("tiny"))));
+    assert!(all.code == Some(1) && all.stderr.contains("hides the whole image"), "{all}");
+}
+
 #[test]
 fn unusable_detector_sends_nothing() {
     let scene = scene();
@@ -57,6 +103,8 @@ fn unusable_detector_sends_nothing() {
         (with("person", "cut.onnx"), &["cut.onnx", "this detector cannot be used"]),
         (with("person", "place.vprofile"), &["place.vprofile", "this detector cannot be used"]),
         (with("person", &detector("no-names")), &["names of its classes"]),
+        (seal("--hide person"), &["--hide person needs a detector", "--detector", "--hide people"]),
+        (with("people", &good), &["no class people"]),
         (with("person", &detector("not-a-number")), &["query-0.png", "could not run"]),
         (with("person", &good).replace("-o hidden.vquery", &format!("-o {good}")), &["is an input"]),
     ] {
@@ -72,7 +120,6 @@ fn unusable_detector_sends_nothing() {
         &["could not run"],
     );
     for (more, part) in [
-        ("--hide person".to_owned(), "--detector"),
         (format!("--detector {good}"), "--hide"),
         (format!("--hide person --detector {good} --hide-margin=-1"), "0 to 1"),
         (format!("--hide person --detector {good} --hide-margin nan"), "0 to 1"),

@@ -44,6 +44,16 @@ impl QuarterTurns {
         if self.0.is_multiple_of(2) { (width, height) } else { (height, width) }
     }
 
+    /// The pixel of an image of this width and height that lies at column `x` and row `y` of the turned image.
+    pub const fn source_of(self, (width, height): (u32, u32), (x, y): (u32, u32)) -> (u32, u32) {
+        match self.0 {
+            0 => (x, y),
+            1 => (y, height - 1 - x),
+            2 => (width - 1 - x, height - 1 - y),
+            _ => (width - 1 - y, x),
+        }
+    }
+
     /// The rotation from the axes of the camera to those of the camera of the turned image (`x` right, `y` down, `z`
     /// forward in both): a rotation about `z`.
     pub fn turned_from_camera(self) -> Rotation3<f64> {
@@ -66,5 +76,8 @@ mod tests {
             assert!((there_and_back.matrix() - Matrix3::identity()).norm() == 0.0);
         }
         assert_eq!(QuarterTurns::from_degrees(45), None);
+        // The drawing above, with an image of two columns and three rows.
+        let corners = QuarterTurns::ALL.map(|turns| turns.source_of((2, 3), (0, 0)));
+        assert_eq!(corners, [(0, 0), (0, 2), (1, 2), (1, 0)], "A, C, D and B");
     }
 }

@@ -1,9 +1,11 @@
-//! Colour images, the input of detectors. Keypoints are extracted from gray images ([`crate::GrayImage`]).
+//! Colour images, the input of detectors and segmenters. Keypoints are extracted from gray images ([`crate::GrayImage`]).
 
 use std::path::Path;
 
-use crate::FeatureError;
+use veiloc_geometry::QuarterTurns;
+
 use crate::load::decode_photo;
+use crate::{FeatureError, GrayImage};
 
 /// A colour image: red, green and blue, `[height, width, 3]`, at least one pixel.
 #[derive(Clone, PartialEq, Eq)]
@@ -49,6 +51,25 @@ impl ColourImage {
     /// All samples row by row, `[height, width, 3]`.
     pub fn data(&self) -> &[u8] {
         &self.data
+    }
+
+    /// Red, green and blue, from 0 to 1.
+    pub(crate) fn channels(&self) -> [GrayImage; 3] {
+        [0, 1, 2].map(|channel| {
+            let samples = self.data.iter().skip(channel).step_by(3).map(|value| f32::from(*value) / 255.0);
+            GrayImage::from_samples(self.width, self.height, samples.collect())
+        })
+    }
+
+    /// The image turned clockwise.
+    #[must_use]
+    pub(crate) fn turned(&self, turns: QuarterTurns) -> Self {
+        let size = (self.width, self.height);
+        let (width, height) = turns.size_of(size);
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| turns.source_of(size, (x, y))));
+        let at = |(x, y): (u32, u32)| (y as usize * self.width as usize + x as usize) * 3;
+        let data = pixels.flat_map(|from| self.data[at(from)..][..3].iter().copied()).collect();
+        Self { width, height, data }
     }
 }
 

@@ -274,10 +274,19 @@ pub enum FeatureError {
         source: std::io::Error,
     },
     /// The file is not a detector, is damaged, or needs unsupported operations.
-    #[error("{}: this detector cannot be used: {reason}; give an ONNX file in YOLO's format", path.display())]
+    #[error("{}: this detector cannot be used: {reason}; give an ONNX file in YOLO's format, or selfie_segmentation.tflite of MediaPipe", path.display())]
     Detector {
         /// The file.
         path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The bytes are not a network that segments people, or it is damaged.
+    #[error(
+        "the network that finds people cannot be used: {reason}; give selfie_segmentation.tflite of MediaPipe (in the npm \
+         package @mediapipe/selfie_segmentation)"
+    )]
+    Segmenter {
         /// What is wrong with it.
         reason: String,
     },

@@ -17,7 +17,7 @@ use std::io::Cursor;
 use std::path::Path;
 
 use exif::{Error, Exif, In, Reader, Tag, Value};
-use veiloc_geometry::Intrinsics;
+use veiloc_geometry::{Intrinsics, QuarterTurns};
 
 use crate::FeatureError;
 use crate::load::{Header, header};
@@ -65,6 +65,19 @@ pub fn exif_camera_of(path: &Path, file: &[u8], size: (u32, u32)) -> Result<Intr
     })?;
     let focal = focal_px(&exif, size).map_err(no_focal)?;
     camera(path, size, focal)
+}
+
+/// How the image of a file in memory is turned for display, by its EXIF data; not at all when it has none. Mirroring is not
+/// reported.
+pub fn exif_turns_of(file: &[u8]) -> QuarterTurns {
+    let exif = Reader::new().continue_on_error(true).read_from_container(&mut Cursor::new(file));
+    let turns = whole_fields(exif).ok().and_then(|exif| match number(&exif, Tag::Orientation)? as u32 {
+        3 | 4 => QuarterTurns::from_degrees(180),
+        5 | 6 => QuarterTurns::from_degrees(90),
+        7 | 8 => QuarterTurns::from_degrees(270),
+        _ => None,
+    });
+    turns.unwrap_or_default()
 }
 
 /// What can be read: many writers spoil one field, or the link behind a directory, and other readers take the rest.

@@ -7,6 +7,7 @@
 //!   [`Extractors::with`].
 //! - [`GlobalExtractor`]: computes one vector per image; none is built in.
 //! - [`Mask`]: hidden parts of an image; [`Image::without`] removes them.
+//! - [`PersonSegmenter`]: the people of an image as a [`Mask`].
 //! - [`exif_camera`]: the camera from a file's EXIF data, for uncalibrated images.
 //! - [`extract_sift`]: SIFT on an image in memory.
 //!
@@ -53,12 +54,13 @@ mod mask;
 mod orientation;
 mod panorama;
 mod progress;
+mod segmenter;
 mod sift;
 
 pub use colour::{ColourImage, load_colour};
 pub use compact::{Compact, Projection, ProjectionError, compact};
 pub use error::FeatureError;
-pub use exif::{exif_camera, exif_camera_of, guessed_camera, guessed_camera_of};
+pub use exif::{exif_camera, exif_camera_of, exif_turns_of, guessed_camera, guessed_camera_of};
 pub use extract::{ExtractedImage, Limits, extract_image, extract_loaded};
 pub use extractor::{Extractor, FeatureStore, Sift};
 pub use extractors::Extractors;
@@ -76,4 +78,5 @@ pub use mask::{Mask, load_mask};
 pub use orientation::{DisplayTurn, display_turn};
 pub use panorama::{faces_of_file, faces_of_image, is_marked_panorama};
 pub use progress::Progress;
+pub use segmenter::{MAX_SEGMENTER_BYTES, PersonSegmenter};
 pub use sift::{Border, SiftOptions, extract_sift};

@@ -88,6 +88,31 @@ impl Mask {
         hidden / (f64::from(self.width) * f64::from(self.height))
     }
 
+    /// The number of connected hidden regions; pixels that touch at a side or a corner are connected.
+    #[cfg(feature = "learned")]
+    pub(crate) fn regions(&self) -> usize {
+        // Spans as a forest: each has the index of another span of its region, or its own.
+        let mut above: Vec<usize> = (0..self.spans.len()).collect();
+        let root = |above: &[usize], mut at: usize| {
+            while above[at] != at {
+                at = above[at];
+            }
+            at
+        };
+        for rows in self.rows.windows(3) {
+            for (upper, lower) in
+                (rows[0]..rows[1]).flat_map(|upper| (rows[1]..rows[2]).map(move |lower| (upper, lower)))
+            {
+                let ([from, to], [begin, end]) = (self.spans[upper], self.spans[lower]);
+                if from <= end && begin <= to {
+                    let (one, other) = (root(&above, upper), root(&above, lower));
+                    above[one.max(other)] = one.min(other);
+                }
+            }
+        }
+        above.iter().enumerate().filter(|(at, above)| at == *above).count()
+    }
+
     /// Whether a pixel is hidden; pixels outside are not.
     pub fn hides(&self, column: u32, row: u32) -> bool {
         self.touches_row(row, column, column)
@@ -105,14 +130,12 @@ impl Mask {
     /// The mask of a frame that is turned ([`CameraFrame::turned`](crate::CameraFrame::turned)).
     #[must_use]
     pub(crate) fn turned(&self, turns: QuarterTurns) -> Self {
-        let (width, height) = turns.size_of((self.width, self.height));
-        let hides = |x: u32, y: u32| match turns.count() {
-            0 => self.hides(x, y),
-            1 => self.hides(y, self.height - 1 - x),
-            2 => self.hides(self.width - 1 - x, self.height - 1 - y),
-            _ => self.hides(self.width - 1 - y, x),
-        };
-        Self::of(width, height, hides)
+        let size = (self.width, self.height);
+        let (width, height) = turns.size_of(size);
+        Self::of(width, height, |x, y| {
+            let (x, y) = turns.source_of(size, (x, y));
+            self.hides(x, y)
+        })
     }
 
     /// Whether anything hidden lies within `radius` pixels of a position (COLMAP's pixels).
@@ -313,6 +336,22 @@ mod tests {
             matches!(refused, FeatureError::MaskSize { mask: (48, 64), image: (64, 48), .. }),
             "{refused}"
         );
+    }
+
+    #[cfg(feature = "learned")]
+    #[test]
+    fn regions_are_counted() {
+        for (drawing, expected) in [
+            (&["#.#", "...", "#.#"][..], 4),
+            (&["#.#", ".#.", "..."], 1),
+            (&["#.#.#", "#.#.#", "###.#"], 2),
+            (&["#####", "#...#", "#.#.#", "#...#", "#####"], 2),
+            (&["..#", "#..", ".#."], 2),
+        ] {
+            let (width, height) = (drawing[0].len() as u32, drawing.len() as u32);
+            let hides = |x: u32, y: u32| drawing[y as usize].as_bytes()[x as usize] == b'#';
+            assert_eq!(Mask::new(width, height, hides).expect("a part").regions(), expected, "{drawing:?}");
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Connection options of a service, and the remedies for connection errors.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use veiloc_client::{Client, ClientError, ClientOptions, Notice};
@@ -8,6 +8,7 @@ use veiloc_map::text::{text_of, without_mark};
 use veiloc_protocol::ProfileId;
 
 use crate::commands::seal::OTHER_ID;
+use crate::commands::user_folder::user_cache;
 use crate::output::exit::Failure;
 use crate::output::files;
 use crate::output::ui::Ui;
@@ -86,13 +87,6 @@ fn print_notice(ui: &Ui, notice: &Notice) {
             ui.info(format!("{}: could not be cached: {reason}", file.display()));
         }
     }
-}
-
-/// `$XDG_CACHE_HOME/veiloc`, or `~/.cache/veiloc`.
-fn user_cache() -> Option<PathBuf> {
-    let absolute = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    let user = absolute("XDG_CACHE_HOME").or_else(|| Some(absolute("HOME")?.join(".cache")))?;
-    Some(user.join(Path::new("veiloc")))
 }
 
 /// Adds a remedy to the error if there is one.

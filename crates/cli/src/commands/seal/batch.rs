@@ -64,7 +64,7 @@ struct ImageDocument {
     /// Share of the image that a mask hides; absent when nothing is hidden.
     #[serde(skip_serializing_if = "Option::is_none")]
     masked: Option<f64>,
-    /// Class to number of detected and hidden objects; absent without `--hide`.
+    /// Class to number of detected and hidden objects, of `people` to the number of regions; absent without `--hide`.
     #[serde(skip_serializing_if = "Option::is_none")]
     detections: Option<BTreeMap<String, usize>>,
     /// Model of the global descriptor that was computed from the whole image and is sent (`--image-global`); absent

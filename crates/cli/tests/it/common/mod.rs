@@ -210,7 +210,8 @@ pub struct Run {
 }
 
 impl Run {
-    fn of(arguments: &str, output: &Output) -> Self {
+    /// The end of a command, checked.
+    pub fn of(arguments: &str, output: &Output) -> Self {
         let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).expect("the binary writes UTF-8");
         let run = Self {
             command: format!("veiloc {arguments}"),

@@ -1,18 +1,23 @@
 //! Masks from the detections of a detector.
 
+use std::io::Read;
 use std::path::Path;
 
-use crate::{FeatureError, Mask, load_colour};
+use veiloc_geometry::QuarterTurns;
 
 use crate::detector::{Detection, Detector};
+use crate::{FeatureError, FrameMask, MAX_SEGMENTER_BYTES, Mask, PersonSegmenter, display_turn, load_colour};
+
+/// The default margin of boxes.
+const BOX_MARGIN: f32 = 0.15;
 
 /// How much is hidden around a detection.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct HideOptions {
-    /// Boxes are extended by this share of their width to the left and right, and of their height up and down. Default
-    /// 0.15: a detector's boxes cut off hands, feet and hair.
-    pub margin: f32,
+    /// Boxes are extended by this share of their width to the left and right, and of their height up and down; people of a
+    /// segmenter by this share of the image. Default: 0.15 and [`FrameMask::MARGIN`]; boxes cut off hands, feet and hair.
+    pub margin: Option<f32>,
     /// Minimum score of hidden detections. Default 0.2: hiding a wrong detection costs a few keypoints, but a missed
     /// person would be revealed.
     pub least_score: f32,
@@ -20,65 +25,100 @@ pub struct HideOptions {
 
 impl Default for HideOptions {
     fn default() -> Self {
-        Self { margin: 0.15, least_score: 0.2 }
+        Self { margin: None, least_score: 0.2 }
     }
 }
 
 /// A detector with the classes to hide.
 #[derive(Debug)]
 pub struct ObjectMasker {
-    detector: Detector,
-    /// `[classes]`: whether each is hidden.
-    hides: Vec<bool>,
+    finder: Finder,
     options: HideOptions,
+}
+
+#[derive(Debug)]
+enum Finder {
+    /// Boxes, and whether each class is hidden.
+    Boxes(Detector, Vec<bool>),
+    People(PersonSegmenter),
 }
 
 /// The hidden part of an image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hidden {
-    /// Names and numbers of the detected classes, in the order of the detector's classes.
+    /// Names and numbers of the detected classes, in the order of the detector's classes. Of a segmenter, the number of
+    /// regions with people, which may be 0.
     pub found: Vec<(String, usize)>,
     /// The mask; `None` when nothing was detected.
     pub mask: Option<Mask>,
 }
 
 impl ObjectMasker {
-    /// Opens a detector file, with the names of the classes to hide.
+    /// Opens a detector file, with the names of the classes to hide: boxes as [`Detector`] has them, or a network for
+    /// [`PersonSegmenter`], whose one class is `people`.
     ///
     /// # Errors
     /// As [`Detector::open`]; [`FeatureError::UnknownClass`] and [`FeatureError::NoClass`].
     pub fn open(path: &Path, classes: &[String], options: HideOptions) -> Result<Self, FeatureError> {
-        let detector = Detector::open(path)?;
-        let known = || detector.names().join(", ");
+        let (finder, names) = if let Some(segmenter) = segmenter(path)? {
+            (Finder::People(segmenter), vec![PersonSegmenter::CLASS.to_owned()])
+        } else {
+            let detector = Detector::open(path)?;
+            let names = detector.names().to_vec();
+            let hides = names.iter().map(|name| classes.contains(name)).collect();
+            (Finder::Boxes(detector, hides), names)
+        };
         if classes.is_empty() {
-            return Err(FeatureError::NoClass { known: known() });
+            return Err(FeatureError::NoClass { known: names.join(", ") });
         }
-        let mut hides = vec![false; detector.names().len()];
-        for requested in classes {
-            let at = detector.names().iter().position(|name| name == requested);
-            let at = at
-                .ok_or_else(|| FeatureError::UnknownClass { requested: requested.clone(), known: known() })?;
-            hides[at] = true;
+        if let Some(unknown) = classes.iter().find(|class| !names.contains(class)) {
+            return Err(FeatureError::UnknownClass { requested: unknown.clone(), known: names.join(", ") });
         }
-        Ok(Self { detector, hides, options })
+        Ok(Self { finder, options })
     }
 
-    /// The mask of an image file.
+    /// The mask of an image file. The detector sees the image as it is displayed, and the mask is of the stored pixels.
     ///
     /// # Errors
     /// [`FeatureError`]: the image cannot be read, the detector failed, or the detections cover the whole image.
     pub fn hide(&self, image: &Path) -> Result<Hidden, FeatureError> {
-        let image = load_colour(image)?;
+        let turns = display_turn(image).and_then(|turn| QuarterTurns::from_degrees(i32::from(turn.degrees)));
+        let (turns, image) = (turns.unwrap_or_default(), load_colour(image)?);
+        let (detector, hides) = match &self.finder {
+            Finder::Boxes(detector, hides) => (detector, hides),
+            Finder::People(segmenter) => {
+                let mask = segmenter.mask(&image, turns, self.options.margin.unwrap_or(FrameMask::MARGIN))?;
+                let regions = mask.as_ref().map_or(0, Mask::regions);
+                return Ok(Hidden { found: vec![(PersonSegmenter::CLASS.to_owned(), regions)], mask });
+            }
+        };
+        let image = image.turned(turns);
         // All boxes are hidden without suppression: where they differ, the right one is unknown.
-        let mut all = self.detector.candidates(&image, self.options.least_score)?;
-        all.retain(|detection| self.hides[detection.class]);
-        let mask = mask_of(&all, self.options.margin, [image.width(), image.height()])?;
+        let mut all = detector.candidates(&image, self.options.least_score)?;
+        all.retain(|detection| hides[detection.class]);
+        let mask = mask_of(&all, self.options.margin.unwrap_or(BOX_MARGIN), [image.width(), image.height()])?;
         let things = crate::detector::boxes::suppress_overlaps(all, 0.5);
-        let names = self.detector.names().iter().enumerate();
+        let names = detector.names().iter().enumerate();
         let count = |class: usize| things.iter().filter(|thing| thing.class == class).count();
         let found = names.map(|(class, name)| (name.clone(), count(class))).filter(|(_, n)| *n > 0).collect();
-        Ok(Hidden { found, mask })
+        Ok(Hidden { found, mask: mask.map(|mask| mask.turned(turns.inverse())) })
     }
+}
+
+/// The segmenter of a TFLite file; `None` for another file.
+fn segmenter(path: &Path) -> Result<Option<PersonSegmenter>, FeatureError> {
+    let read = |source| FeatureError::ReadDetector { path: path.to_owned(), source };
+    let mut bytes = Vec::new();
+    // One byte more than allowed is enough to see that a file is too large.
+    let mut file = std::fs::File::open(path).map_err(read)?.take(MAX_SEGMENTER_BYTES + 1);
+    file.read_to_end(&mut bytes).map_err(read)?;
+    if !PersonSegmenter::is_tflite(&bytes) {
+        return Ok(None);
+    }
+    PersonSegmenter::read(&bytes).map(Some).map_err(|error| match error {
+        FeatureError::Segmenter { reason } => FeatureError::Detector { path: path.to_owned(), reason },
+        other => other,
+    })
 }
 
 /// The pixels of all boxes with their margin; `None` when no box lies in the image.

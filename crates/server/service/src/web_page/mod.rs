@@ -37,12 +37,13 @@ const MAX_BYTES: u64 = 64 << 20;
 /// Required files.
 const NEEDED: [&str; 2] = ["index.html", "veiloc.wasm"];
 /// Allowed files: extension, media type, and whether to compress. Other files of the folder are ignored.
-const TYPES: [(&str, &str, bool); 8] = [
+const TYPES: [(&str, &str, bool); 9] = [
     ("html", "text/html; charset=utf-8", true),
     ("css", "text/css; charset=utf-8", true),
     ("js", "text/javascript; charset=utf-8", true),
     ("json", "application/json", true),
     ("wasm", "application/wasm", true),
+    ("tflite", "application/octet-stream", true),
     ("svg", "image/svg+xml", true),
     ("png", "image/png", false),
     ("jpg", "image/jpeg", false),
@@ -66,6 +67,8 @@ pub struct PageFile {
 }
 
 impl Page {
+    /// The network with which the page hides people, which the operator may put into the folder.
+    pub const PEOPLE: &str = "selfie_segmentation.tflite";
     /// Name of the folder next to the program.
     pub const FOLDER: &str = "veiloc-page";
 
