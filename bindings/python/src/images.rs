@@ -2,12 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use numpy::ndarray::{ArrayView2, ArrayView3};
-use numpy::{PyReadonlyArray2, PyReadonlyArray3};
+use numpy::ndarray::{Array2, ArrayView2, ArrayView3};
+use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use veiloc_features::{
-    DisplayTurn, FeatureError, GrayImage, Image, Mask, display_turn, guessed_camera_of, load_gray, load_mask,
+    ColourImage, DisplayTurn, FeatureError, GrayImage, Image, Mask, PersonSegmenter, display_turn,
+    guessed_camera_of, load_colour, load_gray, load_mask,
 };
+use veiloc_geometry::QuarterTurns;
 use veiloc_obfuscation::KnownCamera;
 use veiloc_protocol::FocalKnowledge;
 
@@ -103,6 +105,46 @@ impl ImageInput {
             None => image,
         })
     }
+}
+
+/// The people of an image, for `mask=` of `extract` and `Sealer.extract`.
+///
+/// Args:
+///     image: a path, or an array `[H, W, 3]` of uint8 (red, green, blue), upright.
+///     network: path of `selfie_segmentation.tflite` of MediaPipe (Apache-2.0, in the npm package
+///         `@mediapipe/selfie_segmentation`); veiloc includes none.
+///     margin: how far beyond the people is hidden, too, as a share of the image.
+///
+/// Returns:
+///     `[H, W]` bool, True where a person was found, or `None` when nobody was. What the network misses is not hidden.
+///
+/// Raises:
+///     InputError: the image is of another kind.
+///     ImageError: the image or the network cannot be used, or the people fill the whole image.
+#[pyfunction]
+#[pyo3(signature = (image, network, *, margin=0.02))]
+pub(crate) fn people_mask<'py>(
+    py: Python<'py>,
+    image: &Bound<'py, PyAny>,
+    network: PathBuf,
+    margin: f32,
+) -> Result<Option<Bound<'py, PyArray2<bool>>>> {
+    let (image, turn) = if let Ok(path) = image.extract::<PathBuf>() {
+        (load_colour(&path)?, display_turn(&path).map_or(0, |turn| turn.degrees))
+    } else if let Ok(array) = image.extract::<PyReadonlyArray3<'_, u8>>() {
+        let (height, width, samples) = bytes3(array.as_array())?;
+        (ColourImage::new(width, height, samples)?, 0)
+    } else {
+        return Err(BindingError::input(
+            "image: must be a path, or an array [H, W, 3] of uint8 (red, green, blue)",
+        ));
+    };
+    let file = std::fs::read(&network).map_err(|source| FeatureError::Read { path: network, source })?;
+    let segmenter = PersonSegmenter::read(&file)?;
+    let turns = QuarterTurns::from_degrees(i32::from(turn)).unwrap_or_default();
+    let mask = py.detach(|| segmenter.mask(&image, turns, margin))?;
+    let size = (image.height() as usize, image.width() as usize);
+    Ok(mask.map(|mask| Array2::from_shape_fn(size, |(y, x)| mask.hides(x as u32, y as u32)).into_pyarray(py)))
 }
 
 /// A mask: a file in which black hides, or an array `[H, W]` of bool in which True hides.

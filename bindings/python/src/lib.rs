@@ -62,6 +62,8 @@ mod _native {
         anchored_lines, estimate_absolute_pose, estimate_absolute_pose_anchored, estimate_absolute_pose_lines,
     };
     #[pymodule_export]
+    use crate::images::people_mask;
+    #[pymodule_export]
     use crate::map::Map;
     #[pymodule_export]
     use crate::pack::Pack;

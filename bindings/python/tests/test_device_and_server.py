@@ -3,6 +3,7 @@
 import json
 import pickle
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -120,6 +121,18 @@ def test_seal_options_masks_and_schemes(rendered):
     keypoints = veiloc.extract(rgb, mask=hidden)["keypoints"]
     assert len(keypoints) and keypoints[:, 0].min() > 120
     assert len(keypoints) < len(veiloc.extract(image)["keypoints"])
+    # The network of the tests takes what is red for people.
+    network = Path(__file__).parents[3] / "crates/device/features/tests/data/segmenter/red.tflite"
+    assert veiloc.people_mask(rgb, network) is veiloc.people_mask(image, str(network)) is None
+    red = rgb.copy()
+    red[50:100, 60:130] = [250, 10, 20]
+    people = veiloc.people_mask(red, network)
+    assert people[50:100, 60:130].all() and 70 * 50 <= people.sum() < 2 * 70 * 50
+    assert len(sealer.extract(red, camera, mask=people))
+    with pytest.raises(veiloc.ImageError, match="selfie_segmentation.tflite"):
+        veiloc.people_mask(rgb, image)
+    with pytest.raises(veiloc.InputError, match="uint8"):
+        veiloc.people_mask(rgb[..., 0], network)
     for scheme in ["random-lines", "coordinate-permutation", "points", "dcl:horizontal"]:
         sealed = seal(rgb, camera, profile, scheme=scheme)
         assert veiloc.describe_query(sealed)["scheme"] == scheme

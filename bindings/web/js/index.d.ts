@@ -84,6 +84,8 @@ export interface ImageFacts {
   file?: Blob;
   /** People and what else must not be sent. */
   mask?: Mask;
+  /** A network whose people are hidden, too. What it misses is sent; `Extracted.hidden` is 0 when it found nobody. */
+  people?: Segmenter;
   /**
    * Orientation of the camera when it took the image. Its `down` is sent, rounded to about a degree; the rest, which only a session
    * uses, is not.
@@ -93,6 +95,9 @@ export interface ImageFacts {
 
 /** Prepares to seal for the map of a profile: starts a worker with the WebAssembly module. */
 export function load(profile: Uint8Array, options?: LoadOptions): Promise<Device>;
+
+/** A network that finds people, in the worker of its device. */
+export type Segmenter = number & { readonly segmenter: unique symbol };
 
 export interface Device {
   /** Identifier of the profile: 32 hexadecimal digits. */
@@ -113,6 +118,11 @@ export interface Device {
    * state it.
    */
   alignment(options?: { metresPerUnit?: number }): Promise<Alignment>;
+  /**
+   * Reads a network that finds people: the bytes of `selfie_segmentation.tflite` of MediaPipe (Apache-2.0; in the npm package
+   * `@mediapipe/selfie_segmentation`). Throws `VeilocError` `image` for another file.
+   */
+  segmenter(bytes: Uint8Array): Promise<Segmenter>;
   /** Terminates the workers and discards their state. */
   close(): void;
 }
@@ -176,6 +186,8 @@ export interface Sealer {
 export interface Extracted {
   /** Number of keypoints. */
   readonly keypoints: number;
+  /** Share of the image that is hidden, by the mask and people. */
+  readonly hidden: number;
   /** Time of the extraction. */
   readonly milliseconds: number;
 }

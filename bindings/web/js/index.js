@@ -171,6 +171,11 @@ class Device {
     return new Alignment(await this.#core, { ...(metresPerUnit !== undefined && { metresPerUnit }) });
   }
 
+  /** Reads selfie_segmentation.tflite of MediaPipe (Apache-2.0), for `people` of `extract`. */
+  async segmenter(bytes) {
+    return (await this.#connection.request("call", { head: { op: "segmenter" }, bytes })).head.segmenter;
+  }
+
   /** Terminates the workers and discards their state. */
   close() {
     const reason = new VeilocError("closed", "the device was closed");
@@ -193,16 +198,16 @@ class Sealer {
   }
 
   /** Extracts the features of an image. They stay in the worker. */
-  async extract(image, camera = null, { attitude, mask, file = image } = {}) {
-    const [rest, transfer] = await imageArguments({ op: "extract", sealer: this.#handle, camera, ...attitude }, image);
+  async extract(image, camera = null, { attitude, mask, people, file = image } = {}) {
+    const [rest, transfer] = await imageArguments({ op: "extract", sealer: this.#handle, camera, people, ...attitude }, image);
     if (mask) {
       const { width, height, data, kind = "marked", margin } = mask;
       rest.head.mask = { width, height, kind, ...(margin !== undefined && { margin }) };
       // Confidences of MediaPipe are numbers from 0 to 1.
       rest.mask = data instanceof Float32Array ? Uint8Array.from(data, (share) => Math.round(255 * share)) : data;
     }
-    // For the focal length in its EXIF data; the bytes stay in the worker.
-    if (camera === null && file instanceof Blob) rest.file = new Uint8Array(await file.arrayBuffer());
+    // For the focal length and the turn in its EXIF data; the bytes stay in the worker.
+    if ((camera === null || people) && file instanceof Blob) rest.file = new Uint8Array(await file.arrayBuffer());
     const { head } = await this.#connection.request("extract", rest, transfer);
     return head;
   }

@@ -33,8 +33,9 @@ const jobs = {
   session: ({ head }) => core.call(head, random()),
   extract: ({ head, image, file, mask }) => {
     const { width, height, data } = pixels(image);
-    const known = file ? core.call({ op: "exif", width, height }, file).head : {};
-    return timed(() => core.call({ ...head, ...known, width, height }, data, ...(mask ? [mask] : [])));
+    const { turn = 0, ...focal } = file ? core.call({ op: "exif", width, height }, file).head : {};
+    const known = head.camera ? {} : focal;
+    return timed(() => core.call({ ...head, ...known, turn, width, height }, data, ...(mask ? [mask] : [])));
   },
   seal: ({ head }) => timed(() => core.call(head, random())),
 };

@@ -14,7 +14,7 @@ const number = new Intl.NumberFormat("en", { maximumFractionDigits: 0 });
 const bytes = (count) => (count < 1e6 ? `${number.format(count / 1000)} kB` : `${(count / 1e6).toFixed(1)} MB`);
 
 /** The state of the page. */
-const now = { about: { points: 0, views: [], north: {} }, client: null, map: null, facts: {}, anchors: [], answer: null, device: null, sealer: null, options: "", session: null, sensors: null, source: null, shown: null, busy: false, stale: false, finding: false, refreshed: Promise.resolve(), following: false };
+const now = { about: { points: 0, people: false, views: [], north: {} }, client: null, map: null, facts: {}, anchors: [], answer: null, device: null, network: null, people: null, sealer: null, options: "", session: null, sensors: null, source: null, shown: null, busy: false, stale: false, finding: false, refreshed: Promise.resolve(), following: false };
 /** Number of the displayed image; a later image makes a pending drawing stale. */
 let generation = 0;
 /** `AbortController` of the running attack, or null. */
@@ -173,6 +173,7 @@ async function selectMap(name) {
   const profile = await now.client.profile(name);
   now.device = await load(profile);
   record("Profile of the map", null, 0, seenProfile(name, now.device.id));
+  now.people = now.network && (await now.device.segmenter(now.network));
   now.session = await now.device.session();
   showStatus("Ready. Nothing about an image has been sent.");
   await points(name);
@@ -259,15 +260,16 @@ async function prepare(inSession) {
   const measured = inSession && now.source.kind === "camera" && el("oriented").checked;
   const attitude = measured ? now.sensors?.now() : null;
   const own = await sealer();
-  const extracted = await own.extract(copy, camera(width, height), { attitude, file });
+  const people = el("people").checked ? now.people : null;
+  const extracted = await own.extract(copy, camera(width, height), { attitude, file, people });
   const sealed = await (inSession && sessions() ? own.inSession(now.session) : own).seal(extracted);
-  return { image, width, height, sealed };
+  return { image, width, height, sealed, hidden: people && extracted.hidden };
 }
 
 /** What is known of the focal length. */
 const FOCAL = { calibrated: "", exif: "The focal length is that of the file's EXIF data.", unknown: "The focal length is unknown." };
 
-async function draw({ image, width, height, sealed }) {
+async function draw({ image, width, height, sealed, hidden }) {
   generation += 1;
   const own = generation;
   // The query displayed before is not needed any more.
@@ -277,7 +279,7 @@ async function draw({ image, width, height, sealed }) {
   if (own !== generation) return;
   drawStays(el("stays"), image, width, height, shown.keypoints);
   el("stays").setAttribute("aria-label", `Your image, ${width} by ${height} pixels, with ${sealed.keypoints} keypoints`);
-  el("stays-text").textContent = `${number.format(sealed.keypoints)} keypoints, found in ${number.format(sealed.milliseconds)} ms. ${FOCAL[sealed.focal]}`;
+  el("stays-text").textContent = `${number.format(sealed.keypoints)} keypoints, found in ${number.format(sealed.milliseconds)} ms. ${hidden === null ? "" : hidden > 0 ? `People hidden, ${number.format(100 * hidden)} % of the image.` : "No people found: nothing is hidden."} ${FOCAL[sealed.focal]}`;
   drawLeaves(el("leaves"), shown);
   const what = `${number.format(sealed.rows)} lines with descriptors, at most ${bytes(sealed.bytes.byteLength)}`;
   el("leaves").setAttribute("aria-label", what);
@@ -537,7 +539,7 @@ async function begin() {
     el("token").value = given;
     connect();
   });
-  for (const id of ["intrinsics", "scheme", "max-keypoints"]) el(id).addEventListener("change", refresh);
+  for (const id of ["intrinsics", "scheme", "max-keypoints", "people"]) el(id).addEventListener("change", refresh);
   el("scheme").addEventListener("change", updateButtons);
   el("oriented").addEventListener("change", updateButtons);
   el("attack").addEventListener("change", () => now.shown && runAttack(now.shown));
@@ -545,6 +547,10 @@ async function begin() {
   el("follow").addEventListener("click", follow);
   const about = await fetch(new URL("page/page.json", server), { credentials: "omit" });
   if (about.ok) now.about = await about.json();
+  if (now.about.people) {
+    now.network = new Uint8Array(await (await fetch(new URL("page/selfie_segmentation.tflite", server), { credentials: "omit" })).arrayBuffer());
+    el("people-field").hidden = false;
+  }
   showViews(now.about.views);
   await connect();
 }

@@ -7,6 +7,7 @@ use rand_chacha::ChaCha20Rng;
 use rand_chacha::rand_core::SeedableRng;
 use serde::Serialize;
 use veiloc_ar::Alignment;
+use veiloc_features::PersonSegmenter;
 use veiloc_obfuscation::{Sealer, Session, SessionOptions};
 use veiloc_protocol::Profile;
 
@@ -27,6 +28,7 @@ pub struct Device {
     profiles: BTreeMap<u32, Profile>,
     sealers: BTreeMap<u32, Rc<Sealer>>,
     sessions: BTreeMap<u32, Session>,
+    segmenters: BTreeMap<u32, PersonSegmenter>,
     extracted: BTreeMap<u32, StoredFeatures>,
     queries: BTreeMap<u32, StoredQuery>,
     alignments: BTreeMap<u32, Alignment>,
@@ -62,6 +64,11 @@ struct AlignmentReply {
 }
 
 #[derive(Serialize)]
+struct SegmenterReply {
+    segmenter: u32,
+}
+
+#[derive(Serialize)]
 struct EmptyReply {}
 
 impl Device {
@@ -85,6 +92,12 @@ impl Device {
                 Ok(message::write(&EmptyReply {}, &stored.to_bytes()))
             }
             Request::Exif { width, height } => Ok(sealing::exif(bytes, (width, height))),
+            Request::Segmenter => {
+                let segmenter = PersonSegmenter::read(bytes)?;
+                let handle = self.next();
+                self.segmenters.insert(handle, segmenter);
+                Ok(message::write(&SegmenterReply { segmenter: handle }, &[]))
+            }
             Request::Sealer(request) => {
                 let profile = lookup(&self.profiles, "profile", request.profile)?;
                 let sealer = sealing::sealer(&request, bytes, profile)?;
@@ -95,7 +108,8 @@ impl Device {
             }
             Request::Extract(request) => {
                 let sealer = lookup(&self.sealers, "sealer", request.sealer)?;
-                let stored = sealing::extract(&request, bytes, sealer)?;
+                let people = request.people.map(|handle| lookup(&self.segmenters, "segmenter", handle));
+                let stored = sealing::extract(&request, bytes, sealer, people.transpose()?)?;
                 let extracted = self.next();
                 let reply = stored.reply(extracted);
                 store(&mut self.extracted, extracted, stored);
@@ -146,6 +160,7 @@ impl Device {
                 self.sealers.remove(&handle);
                 self.extracted.remove(&handle);
                 self.sessions.remove(&handle);
+                self.segmenters.remove(&handle);
                 self.queries.remove(&handle);
                 Ok(message::write(&EmptyReply {}, &[]))
             }

@@ -17,7 +17,7 @@ pub enum WebError {
     /// The handle is unknown.
     #[error("there is no {what} with handle {handle}; it was freed or used up, or the worker was restarted")]
     UnknownHandle {
-        /// `profile`, `sealer`, `session`, `image` or `query`.
+        /// `profile`, `sealer`, `session`, `segmenter`, `image` or `query`.
         what: &'static str,
         /// The number.
         handle: u32,

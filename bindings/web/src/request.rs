@@ -29,6 +29,8 @@ pub enum Request {
         /// Rows.
         height: u32,
     },
+    /// Reads a network that finds people [the bytes of its TFLite file].
+    Segmenter,
     /// Makes a sealer [the bytes of the pack, where it has one].
     Sealer(Sealer),
     /// Extracts the features of an image [red, green, blue, alpha of each pixel].
@@ -166,6 +168,12 @@ pub struct Extract {
     /// Of which pixels nothing is sent; its bytes follow those of the image.
     #[serde(default)]
     pub mask: Option<Mask>,
+    /// Handle of a segmenter: the people that it finds are hidden, too.
+    #[serde(default)]
+    pub people: Option<u32>,
+    /// Degrees clockwise by which the image is turned to stand upright; needed for people only.
+    #[serde(default)]
+    pub turn: i32,
 }
 
 /// A mask, a byte a pixel.

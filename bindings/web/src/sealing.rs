@@ -7,9 +7,10 @@ use std::rc::Rc;
 use rand_chacha::ChaCha20Rng;
 use serde::Serialize;
 use veiloc_features::{
-    Features, FrameMask, GrayImage, Image, Mask, MaskKind, exif_camera_of, guessed_camera_of,
+    ColourImage, Features, FrameMask, GrayImage, Image, Mask, MaskKind, PersonSegmenter, exif_camera_of,
+    exif_turns_of, guessed_camera_of,
 };
-use veiloc_geometry::{Intrinsics, IntrinsicsError, Pixel};
+use veiloc_geometry::{Intrinsics, IntrinsicsError, Pixel, QuarterTurns};
 use veiloc_obfuscation::{
     DeviceLimits, Extracted, KnownCamera, KnownPlace, Orientation, PackUse, SealError, SealOptions, Sealer,
     Session,
@@ -30,6 +31,8 @@ pub struct StoredFeatures {
     extracted: Extracted,
     /// Keypoints, pixels of the original image.
     found: Vec<[f64; 2]>,
+    /// Share of the image that is hidden.
+    hidden: f64,
 }
 
 /// A sealed query and the keypoints it hides, for later steps and for the device's own screen.
@@ -68,12 +71,15 @@ struct ExifReply {
     camera: Option<String>,
     /// Whether there is one: head of a call to `Seal`.
     exif: bool,
+    /// Degrees clockwise by which it is turned for display.
+    turn: u16,
 }
 
 #[derive(Serialize)]
 struct ExtractReply {
     extracted: u32,
     keypoints: usize,
+    hidden: f64,
 }
 
 #[derive(Serialize)]
@@ -84,7 +90,8 @@ struct StepReply {
 /// The reply to `Exif`: the camera of an image file whose decoded image has this size.
 pub fn exif(file: &[u8], size: (u32, u32)) -> Vec<u8> {
     let camera = exif_camera_of(Path::new(NAME), file, size).ok().map(|camera| camera.to_string());
-    message::write(&ExifReply { exif: camera.is_some(), camera }, &[])
+    let turn = exif_turns_of(file).degrees();
+    message::write(&ExifReply { exif: camera.is_some(), camera, turn }, &[])
 }
 
 /// A device that seals for a map. `pack`: its bytes, read where the request says that there is one.
@@ -117,6 +124,19 @@ fn hidden(request: &request::Extract, bytes: &[u8]) -> Result<Option<Mask>, WebE
     Ok(mask.of_frame((request.width, request.height))?)
 }
 
+/// The people of an image of red, green, blue and alpha bytes.
+fn people(
+    request: &request::Extract,
+    pixels: &[u8],
+    segmenter: &PersonSegmenter,
+) -> Result<Option<Mask>, WebError> {
+    let wrong = || WebError::Option { name: "turn", reason: "must be a multiple of 90".to_owned() };
+    let turns = QuarterTurns::from_degrees(request.turn).ok_or_else(wrong)?;
+    let colours = pixels.chunks_exact(4).flat_map(|pixel| pixel[..3].iter().copied());
+    let image = ColourImage::new(request.width, request.height, colours.collect())?;
+    Ok(segmenter.mask(&image, turns, FrameMask::MARGIN)?)
+}
+
 /// Extracts the features of an image of red, green, blue and alpha bytes.
 ///
 /// # Errors
@@ -125,6 +145,7 @@ pub fn extract(
     request: &request::Extract,
     pixels: &[u8],
     sealer: &Sealer,
+    segmenter: Option<&PersonSegmenter>,
 ) -> Result<StoredFeatures, WebError> {
     let size = (request.width, request.height);
     let length = u64::from(size.0) * u64::from(size.1) * 4;
@@ -135,8 +156,13 @@ pub fn extract(
         None => (pixels, &[][..]),
     };
     let mut image = Image::from(GrayImage::from_rgba8(size.0, size.1, pixels)?);
-    if let Some(hidden) = hidden(request, mask)? {
-        image = image.without(&hidden)?;
+    let people = segmenter.map(|segmenter| people(request, pixels, segmenter)).transpose()?.flatten();
+    let hidden = match (hidden(request, mask)?, people) {
+        (Some(mask), Some(people)) => Some(mask.and(&people)?),
+        (mask, people) => mask.or(people),
+    };
+    if let Some(hidden) = &hidden {
+        image = image.without(hidden)?;
     }
     let (orientation, gravity) = (orientation(request)?, gravity(request)?);
     let extracted = sealer.extract(image, camera(request)?)?;
@@ -148,12 +174,13 @@ pub fn extract(
     let keypoints = &extracted.features().keypoints;
     let found = keypoints.iter().map(|k| [k.pixel.u * scale[0], k.pixel.v * scale[1]]).collect();
     let extracted = extracted.with_orientation(orientation).with_gravity(gravity);
-    Ok(StoredFeatures { extracted, found })
+    Ok(StoredFeatures { extracted, found, hidden: hidden.map_or(0.0, |mask| mask.share()) })
 }
 
 impl StoredFeatures {
     pub(crate) fn reply(&self, handle: u32) -> Vec<u8> {
-        message::write(&ExtractReply { extracted: handle, keypoints: self.found.len() }, &[])
+        let (keypoints, hidden) = (self.found.len(), self.hidden);
+        message::write(&ExtractReply { extracted: handle, keypoints, hidden }, &[])
     }
 
     /// Seals them.
@@ -166,7 +193,7 @@ impl StoredFeatures {
         session: Option<&mut Session>,
         rng: &mut ChaCha20Rng,
     ) -> Result<StoredQuery, SealError> {
-        let Self { extracted, found } = self;
+        let Self { extracted, found, .. } = self;
         let (known, camera) = (extracted.features().clone(), extracted.camera().intrinsics);
         let (query, session) = match session {
             Some(session) => {

@@ -117,6 +117,52 @@ fn pack() -> Pack {
 }
 
 /// Nothing under a mask reaches the query (rule L13), whatever the resolution of the mask; what hides nothing is none.
+/// The network of the tests takes what is red for people (`research/oracles/segmenter.py`).
+#[test]
+fn people_are_hidden_in_turned_images_too() {
+    let (mut device, profile) = device_and_profile();
+    let network = include_bytes!("../../../crates/device/features/tests/data/segmenter/red.tflite");
+    let (head, _) = call(&mut device, &json!({"op": "segmenter"}), &[network]);
+    let segmenter = head["segmenter"].clone();
+    assert!(segmenter.is_u64(), "{head}");
+    let (refused, _) = call(&mut device, &json!({"op": "segmenter"}), &[&network[..400]]);
+    assert!(
+        refused["error"].as_str().is_some_and(|text| text.contains("selfie_segmentation.tflite")),
+        "{refused}"
+    );
+    let (sealer, _) = call(&mut device, &json!({"op": "sealer", "profile": profile}), &[]);
+    // Half as much red, so that nothing looks like a person.
+    let blue: Vec<u8> = pixels().chunks_exact(4).flat_map(|p| [p[0] / 2, p[1], p[2], p[3]]).collect();
+    let mut red = blue.clone();
+    for (y, x) in (40..100).flat_map(|y| (60..140).map(move |x| (y, x))) {
+        // Two reds, so that there are corners under the mask.
+        red[(y * 320 + x) * 4..][..3].copy_from_slice(&[
+            if (x / 5 + y / 7) % 2 == 0 { 255 } else { 230 },
+            5,
+            5,
+        ]);
+    }
+    let extract =
+        json!({"op": "extract", "sealer": sealer["sealer"], "width": 320, "height": 240, "camera": CAMERA});
+    let mut hidden = |pixels: &[u8], people: &Value, turn: i32| {
+        let head = with(&extract, &[("people", people.clone()), ("turn", json!(turn))]);
+        call(&mut device, &head, &[pixels]).0
+    };
+    assert_eq!(hidden(&red, &Value::Null, 0)["hidden"], 0.0);
+    assert_eq!(hidden(&blue, &segmenter, 0)["hidden"], 0.0, "nobody");
+    for turn in [0, 90, 180, 270] {
+        let reply = hidden(&red, &segmenter, turn);
+        // 80 x 60 of 320 x 240, and the margin.
+        assert!((0.0625..0.1).contains(&reply["hidden"].as_f64().expect("a share")), "{turn}: {reply}");
+        assert!(
+            reply["keypoints"].as_u64() < hidden(&red, &Value::Null, 0)["keypoints"].as_u64(),
+            "{turn}: {reply}"
+        );
+    }
+    assert_eq!(hidden(&red, &segmenter, 45)["kind"], "option");
+    assert_eq!(hidden(&red, &json!(9999), 0)["kind"], "gone");
+}
+
 #[test]
 fn nothing_under_a_mask_is_sent() {
     let (mut device, profile) = device_and_profile();

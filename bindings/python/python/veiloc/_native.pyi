@@ -1208,6 +1208,22 @@ def extract(
     Raises:
         ImageError: the image or the mask cannot be used, or `features` is unknown.
     """
+def people_mask(image: Path | npt.NDArray[np.uint8], network: Path, *, margin: float = 0.02) -> npt.NDArray[np.bool_] | None:
+    """The people of an image, for `mask=` of `extract` and `Sealer.extract`.
+
+    Args:
+        image: a path, or an array `[H, W, 3]` of uint8 (red, green, blue), upright.
+        network: path of `selfie_segmentation.tflite` of MediaPipe (Apache-2.0, in the npm package
+            `@mediapipe/selfie_segmentation`); veiloc includes none.
+        margin: how far beyond the people is hidden, too, as a share of the image.
+
+    Returns:
+        `[H, W]` bool, True where a person was found, or `None` when nobody was. What the network misses is not hidden.
+
+    Raises:
+        InputError: the image is of another kind.
+        ImageError: the image or the network cannot be used, or the people fill the whole image.
+    """
 def obfuscate(
     points2d: npt.ArrayLike, width: int, height: int, scheme: Scheme = "dcl", *, angle_bits: int = 12, seed: int = 0
 ) -> dict[str, Any]:
