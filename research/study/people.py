@@ -69,11 +69,11 @@ def place(region: tuple[float, float], size: tuple[int, int], draw: random.Rando
     return draw.uniform(0, max(0.0, size[0] - region[0])), draw.uniform(0, max(0.0, size[1] - region[1]))
 
 
-def pasted(image: Image.Image, people: list[Path], draw: random.Random) -> tuple[Image.Image, Image.Image]:
+def pasted(image: Image.Image, people: list[Path], draw: random.Random, heights=HEIGHTS) -> tuple[Image.Image, Image.Image]:
     """The image with a random one of the people in front, and a mask that is black where the person is."""
     with Image.open(draw.choice(people)) as file:
         person = file.convert("RGBA")
-    tall = draw.uniform(*HEIGHTS) * image.height
+    tall = draw.uniform(*heights) * image.height
     wide = tall * person.width / person.height
     person = person.resize((max(1, round(wide)), max(1, round(tall))), Image.LANCZOS)
     corner = tuple(math.floor(x) for x in place(person.size, image.size, draw))

@@ -14,7 +14,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from study import differences, people, private_rows, tilt  # noqa: F401  they register commands of this page
+from study import differences, hidden_people, people, private_rows, tilt  # noqa: F401  they register commands of this page
 from study.common import PLACES, ROOT, SCENES, Package, cm, command, names_of
 
 np, cv2 = Package("numpy"), Package("cv2")
