@@ -11,6 +11,7 @@
 //! - [`Pack`]: the descriptors of a place without positions; [`RowMatches`]: what a device found in them.
 //! - [`RigMessage`]: several queries with their relative poses.
 //! - [`Answer`]: the server's answer; [`AnswerDocument`]: the same as JSON.
+//! - [`ContentAnchors`]: content of apps at poses of a map, and [`is_map_name`], which names may have.
 //! - [`Hints`]: optional information about the camera beside the rows.
 //! - [`CanonicalCamera`]: the camera of all positions, which identifies no individual lens.
 //!
@@ -61,11 +62,13 @@ mod answer_wire;
 mod balance;
 mod bits;
 mod camera;
+mod content_anchors;
 mod error;
 mod gravity;
 mod hints;
 mod layout;
 mod message_id;
+mod name;
 mod observations;
 mod pack;
 mod pack_wire;
@@ -94,11 +97,13 @@ pub use answer::{
 pub use answer_document::{AnswerDocument, ConfidenceDocument, PoseDocument};
 pub use balance::{MIN_PER_SIDE, UnbalancedAnchors};
 pub use camera::{CanonicalCamera, Window};
+pub use content_anchors::{AnchorPose, ContentAnchor, ContentAnchorError, ContentAnchors, FrameImage};
 pub use error::QueryError;
 pub use gravity::CoarseGravity;
 pub use hints::{FocalKnowledge, Hints, UnknownKnowledge};
 pub use layout::{DclLayout, HalvesLayout};
 pub use message_id::{MessageId, PackId, ProfileId};
+pub use name::is_map_name;
 pub use observations::{AnchoredLine, Observations};
 pub use pack::{Pack, PackImage};
 pub use position_hint::PositionHint;

@@ -1,6 +1,7 @@
 //! The address of a service, checked once before anything is sent.
 
 use ureq::http::Uri;
+use veiloc_protocol::is_map_name;
 
 use crate::ClientError;
 
@@ -42,8 +43,7 @@ impl Address {
 
     /// The address of a map's resource.
     pub(crate) fn of_map(&self, map: &str, resource: &str) -> Result<String, ClientError> {
-        let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-        if !(1..=64).contains(&map.len()) || !map.chars().all(allowed) || map == "." || map == ".." {
+        if !is_map_name(map) {
             return Err(ClientError::MapName { name: map.to_owned() });
         }
         Ok(format!("{}/v1/maps/{map}/{resource}", self.base))

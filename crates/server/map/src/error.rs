@@ -17,6 +17,14 @@ pub enum MapError {
         /// The error of the system.
         source: std::io::Error,
     },
+    /// A file of content anchors is invalid.
+    #[error("{}: {source}", path.display())]
+    Anchors {
+        /// Which file.
+        path: PathBuf,
+        /// What is wrong, and the remedy.
+        source: veiloc_protocol::ContentAnchorError,
+    },
     /// The folder does not hold a COLMAP model.
     #[error(
         "{}: no COLMAP model here: {wanted} are not all present, neither as .txt nor as .bin; {}",

@@ -13,6 +13,7 @@
 //! - [`WholeMapSummary`]: data that a compressed map keeps about the whole map.
 //! - [`Region`]: the part of a larger map that a map is; [`MapFile::region`] extracts it.
 //! - [`MapFile::pack`]: its descriptors without positions, for devices.
+//! - [`AnchorsEdit`], [`read_anchors`]: the content anchors beside a map file.
 //! - [`MapView`]: a map file, whole or with one image left out.
 //! - [`text`]: text files that people and other programs write.
 //! - [`colmap`]: strict reader and writer of COLMAP models, text and binary; [`write_ply`] writes the points of a
@@ -49,6 +50,7 @@
 #![forbid(unsafe_code)]
 
 mod alignment;
+mod anchors;
 pub mod atomic_file;
 pub mod colmap;
 mod compressed;
@@ -56,7 +58,6 @@ mod error;
 mod file;
 mod gravity;
 mod model;
-mod name;
 mod pack;
 mod ply;
 mod posed;
@@ -67,6 +68,7 @@ mod settings;
 pub mod text;
 
 pub use alignment::AlignmentAccuracy;
+pub use anchors::{AnchorsEdit, anchors_path, read_anchors};
 pub use compressed::{PointSummary, WholeMapSummary};
 pub use error::{FilePosition, ManifestError, MapError, ModelRecord};
 pub use file::{
@@ -75,7 +77,6 @@ pub use file::{
 };
 pub use gravity::{GravityDirection, GravityDirectionError};
 pub use model::{MapImage, MapModel, MapPoint, Observation, PointId};
-pub use name::is_map_name;
 pub use pack::PackPoints;
 pub use ply::write_ply;
 pub use posed::{PosedImage, PosedImages};
@@ -84,4 +85,5 @@ pub use self_test::{
     ABSOLUTE, CameraErrors, ConfidenceCoverage, CovarianceCalibration, LEVELS, RELATIVE, SchemeTest, SelfTest,
 };
 pub use settings::BuildSettings;
+pub use veiloc_protocol::is_map_name;
 pub use veiloc_simd::open_regular_file;

@@ -4,6 +4,7 @@ mod answer;
 mod answer_document;
 mod balance;
 mod common;
+mod content_anchors;
 mod document;
 mod hostile;
 mod known_answers;

@@ -21,6 +21,8 @@ pub struct TokenEntry {
     /// Whether it belongs to a gateway, whose clients have their own tokens and limits there: it has no rate limit, its
     /// answers leave at once, and its word is taken for which client a query comes from.
     pub gateway: bool,
+    /// Whether it may write content anchors: its own, and as an operator those of others.
+    pub anchors: bool,
     /// The maps it may use; `None` for all maps, never empty.
     maps: Option<BTreeSet<String>>,
     /// End of validity.
@@ -36,7 +38,13 @@ impl TokenEntry {
         if !is_token_name(name) {
             return Err(TokensError::Name);
         }
-        Ok(Self { name: name.to_owned(), key, operator: false, gateway: false, maps: None, expires: None })
+        Ok(Self::of(name, key))
+    }
+
+    /// A client token of a name that was checked or read.
+    fn of(name: &str, key: TokenKey) -> Self {
+        let name = name.to_owned();
+        Self { name, key, operator: false, gateway: false, anchors: false, maps: None, expires: None }
     }
 
     /// Restricts the token to these maps.
@@ -92,6 +100,9 @@ impl fmt::Display for TokenEntry {
         if self.gateway {
             f.write_str(" gateway")?;
         }
+        if self.anchors {
+            f.write_str(" anchors")?;
+        }
         if let Some(maps) = &self.maps {
             let maps: Vec<&str> = maps.iter().map(String::as_str).collect();
             write!(f, " maps={}", maps.join(","))?;
@@ -117,17 +128,19 @@ impl FromStr for TokenEntry {
         let mut words = line.split_whitespace();
         let (Some(name), Some(hex)) = (words.next(), words.next()) else { return Err(LineError::TooShort) };
         let key = TokenKey::of_hex(hex).ok_or(LineError::Hash)?;
-        let mut entry =
-            Self { name: name.to_owned(), key, operator: false, gateway: false, maps: None, expires: None };
+        let mut entry = Self::of(name, key);
         for word in words {
             match word.split_once('=') {
                 None if word == "operator" && !entry.operator => entry.operator = true,
                 None if word == "gateway" && !entry.gateway => entry.gateway = true,
+                None if word == "anchors" && !entry.anchors => entry.anchors = true,
                 Some(("maps", maps)) if entry.maps.is_none() => entry.grant_maps(maps.split(','))?,
                 Some(("expires", end)) if entry.expires.is_none() => {
                     entry.expires = Some(end.parse().map_err(|_| LineError::Expires)?);
                 }
-                None if word == "operator" || word == "gateway" => return Err(LineError::WordTwice),
+                None if ["operator", "gateway", "anchors"].contains(&word) => {
+                    return Err(LineError::WordTwice);
+                }
                 Some(("maps" | "expires", _)) => return Err(LineError::WordTwice),
                 _ => return Err(LineError::Word),
             }

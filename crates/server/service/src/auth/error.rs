@@ -15,11 +15,11 @@ pub enum LineError {
     Hash,
     /// An unknown word follows.
     #[error(
-        "after the SHA-256 only `operator`, `maps=NAME,NAME` and `expires=2027-01-31` may follow, each once"
+        "after the SHA-256 only `operator`, `gateway`, `anchors`, `maps=NAME,NAME` and `expires=2027-01-31` may follow, each once"
     )]
     Word,
     /// A word is repeated.
-    #[error("`operator`, `maps=` and `expires=` may each appear once")]
+    #[error("`operator`, `gateway`, `anchors`, `maps=` and `expires=` may each appear once")]
     WordTwice,
     /// The list of maps is invalid.
     #[error("`maps=` needs names of maps with commas and no spaces between them; leave it out for all maps")]

@@ -7,7 +7,7 @@
 //!
 //! # The file
 //! One token per line: a name, the SHA-256 of the token in hexadecimal, then in any order its permissions: `operator`
-//! (it may also read the metrics), `maps=a,b` (it may use only these maps), `expires=2027-01-31T00:00:00Z` or
+//! (it may also read the metrics), `anchors` (it may write content anchors), `maps=a,b` (it may use only these maps), `expires=2027-01-31T00:00:00Z` or
 //! `expires=2027-01-31` (the beginning of that day in UTC; the token is invalid from then on). Empty lines and lines
 //! that begin with `#` are ignored. A file without tokens is an error, because an unfinished write looks the same,
 //! unless the line `nobody` says that it is intended.

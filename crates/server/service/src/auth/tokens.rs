@@ -50,6 +50,16 @@ impl Caller {
         self.entry.as_ref().is_none_or(|entry| entry.operator)
     }
 
+    /// Name of the token.
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Whether the token may write content anchors; without tokens nobody may.
+    pub(crate) fn writes_anchors(&self) -> bool {
+        self.entry.as_ref().is_some_and(|entry| entry.anchors)
+    }
+
     /// Whether the client is a gateway.
     pub(crate) fn is_gateway(&self) -> bool {
         self.entry.as_ref().is_some_and(|entry| entry.gateway)

@@ -19,11 +19,11 @@ use axum::response::{IntoResponse as _, Response};
 use crate::serve::state::App;
 
 /// Methods of all addresses.
-const ALLOWED_METHODS: &str = "GET, POST";
+const ALLOWED_METHODS: &str = "GET, POST, PUT, DELETE";
 
 /// Request headers that a page may send.
 const ALLOWED_HEADERS: &str =
-    "authorization, content-type, accept, if-none-match, veiloc-near, veiloc-trusted-only";
+    "authorization, content-type, accept, if-match, if-none-match, veiloc-near, veiloc-trusted-only";
 
 /// Response headers that a page may read, in addition to the headers that the Fetch standard always exposes.
 const EXPOSED_HEADERS: &str = "etag, retry-after, veiloc-request-id";

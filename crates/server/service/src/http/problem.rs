@@ -14,7 +14,7 @@ use axum::http::{HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::ToSchema;
-use veiloc_protocol::QueryError;
+use veiloc_protocol::{ContentAnchorError, QueryError};
 
 use crate::http::padding::{self, PadLength};
 use crate::routes::decoded_request::{LocalizeFailure, NoPose};
@@ -26,6 +26,14 @@ pub(crate) enum Problem {
     Unauthenticated,
     #[error("this token may localize; reading the metrics is for operators")]
     Forbidden,
+    #[error(
+        "this token may read anchors; writing needs the permission `anchors` (veiloc token new --anchors)"
+    )]
+    AnchorsReadOnly,
+    #[error(
+        "another token owns this anchor; that token may change it, or one with the permissions `anchors` and `operator`"
+    )]
+    NotOwner,
     #[error("this token has used its allowance; send the same bytes again in {retry_after} s")]
     RateLimited { retry_after: NonZeroU64 },
     #[error("no such address; see /v1/openapi.json")]
@@ -40,6 +48,23 @@ pub(crate) enum Problem {
     NoGeoReference,
     #[error("the operator gives no pack of this map")]
     NoPack,
+    #[error("this service is a gateway and keeps no anchors; ask a service that has the file of the map")]
+    NoAnchors,
+    #[error("this map has no anchor of this name; /v1/maps/{{name}}/anchors lists them")]
+    UnknownAnchor,
+    #[error("{0}")]
+    BadAnchor(ContentAnchorError),
+    #[error("the anchor is not the one that If-Match or If-None-Match demands; fetch it, and decide again")]
+    PreconditionFailed,
+    #[error(
+        "the anchors of this map cannot be read or written at the moment; its operator finds the reason in the log"
+    )]
+    AnchorsUnavailable,
+    #[error(
+        "the anchors kept for this map are of another coordinate frame: it was replaced; its operator carries them with \
+         `veiloc map anchors --carry`"
+    )]
+    OtherFrame,
     #[error(
         "this map cannot be opened at the moment; send the same bytes again later (the log of the service says why)"
     )]
@@ -51,7 +76,7 @@ pub(crate) enum Problem {
     #[error("the service has no valid file of tokens and refuses all queries; its log says why")]
     NoTokens,
     #[error(
-        "send a sealed query as application/x-protobuf or application/octet-stream, a GeoPose request as \
+        "send a sealed query as application/x-protobuf or application/octet-stream, a GeoPose request or an anchor as \
          application/json, not compressed"
     )]
     MediaType,
@@ -132,12 +157,25 @@ impl Problem {
         match self {
             Self::Unauthenticated => (S::UNAUTHORIZED, "unauthenticated", "No valid token"),
             Self::Forbidden => (S::FORBIDDEN, "forbidden", "Not allowed"),
+            Self::AnchorsReadOnly => (S::FORBIDDEN, "anchors-read-only", "May not write anchors"),
+            Self::NotOwner => (S::FORBIDDEN, "not-owner", "Anchor of another token"),
             Self::RateLimited { .. } => (S::TOO_MANY_REQUESTS, "rate-limited", "Too many requests"),
             Self::NotFound => (S::NOT_FOUND, "not-found", "Not found"),
             Self::Host => (S::BAD_REQUEST, "bad-host", "Not one Host header"),
             Self::WrongMethod => (S::METHOD_NOT_ALLOWED, "wrong-method", "Method not allowed"),
             Self::UnknownMap => (S::NOT_FOUND, "unknown-map", "Unknown map"),
             Self::NoPack => (S::NOT_FOUND, "no-pack", "No pack"),
+            Self::NoAnchors => (S::NOT_FOUND, "no-anchors", "No anchors"),
+            Self::UnknownAnchor => (S::NOT_FOUND, "unknown-anchor", "Unknown anchor"),
+            Self::BadAnchor(ContentAnchorError::TooMany | ContentAnchorError::TooLong) => {
+                (S::CONFLICT, "anchors-full", "No space for more anchors")
+            }
+            Self::BadAnchor(_) => (S::BAD_REQUEST, "bad-anchor", "Not an anchor"),
+            Self::PreconditionFailed => (S::PRECONDITION_FAILED, "precondition-failed", "Anchor changed"),
+            Self::AnchorsUnavailable => {
+                (S::SERVICE_UNAVAILABLE, "anchors-unavailable", "Anchors unavailable")
+            }
+            Self::OtherFrame => (S::SERVICE_UNAVAILABLE, "other-frame", "Anchors of another map"),
             Self::NoGeoReference => (S::NOT_FOUND, "no-geo-reference", "No geographic reference"),
             Self::MapUnavailable => (S::SERVICE_UNAVAILABLE, "map-unavailable", "Map unavailable"),
             Self::Unreached { .. } => (S::SERVICE_UNAVAILABLE, "unreached", "Workers unreachable"),
@@ -168,7 +206,9 @@ impl Problem {
             | Self::Overdue { retry_after }
             | Self::Unreached { retry_after }
             | Self::Stopping { retry_after } => Some(*retry_after),
-            Self::MapUnavailable | Self::NoTokens => Some(OPERATOR_RETRY),
+            Self::MapUnavailable | Self::NoTokens | Self::AnchorsUnavailable | Self::OtherFrame => {
+                Some(OPERATOR_RETRY)
+            }
             _ => None,
         }
     }

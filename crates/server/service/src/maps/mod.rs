@@ -45,6 +45,8 @@ pub(crate) struct LoadedMap {
     pub(crate) profile_id: String,
     /// The pack, where devices get it, with its id.
     pub(crate) pack: Option<(Content, String)>,
+    /// The file, beside which its content anchors are; `None` for a remote map and a region.
+    pub(crate) file: Option<PathBuf>,
     /// Points shown on the web page; empty for remote maps.
     pub(crate) shown: Content,
     /// Maximum length of a query for this map, bytes.
@@ -78,7 +80,7 @@ impl LoadedMap {
         // A map without points, or too large for a pack, has none.
         let pack = reading.packs.then(|| map.pack()).and_then(Result::ok);
         let pack = pack.map(|(pack, _)| (Content::new(pack.encode()), pack.id().to_string()));
-        Ok(Self { pack, shown, ..Self::local(&source.name, map) })
+        Ok(Self { pack, shown, file: Some(source.path.clone()), ..Self::local(&source.name, map) })
     }
 
     /// A map file or a region, without pack and points to show.
@@ -105,6 +107,7 @@ impl LoadedMap {
             profile_id: profile.id().to_string(),
             profile: Content::new(profile.encode()),
             pack: None,
+            file: None,
             shown: Content::new(Vec::new()),
         }
     }

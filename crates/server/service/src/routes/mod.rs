@@ -1,6 +1,7 @@
 //! The addresses of the service.
 
 mod accept;
+mod anchors;
 mod authorize;
 mod body;
 pub(crate) mod decoded_request;
@@ -40,6 +41,11 @@ pub(crate) fn router(app: Arc<App>) -> Router {
     page.route("/v1/maps", get(maps::list))
         .route("/v1/maps/{name}/profile", get(maps::profile))
         .route("/v1/maps/{name}/pack", get(maps::pack))
+        .route("/v1/maps/{name}/anchors", get(anchors::list))
+        .route(
+            "/v1/maps/{name}/anchors/{anchor}",
+            get(anchors::one).put(anchors::put).delete(anchors::delete),
+        )
         .route("/v1/maps/{name}/localize", post(localize::localize))
         .route("/v1/maps/{name}/localize-rig", post(localize::localize_rig))
         .route("/v1/maps/{name}/regions/{region}/localize", post(localize::localize_region))

@@ -10,7 +10,7 @@ use utoipa::openapi::security::{Http, HttpAuthScheme, SecurityScheme};
 use utoipa::{Modify, OpenApi};
 
 use self::answers::Answers;
-use super::{geopose, localize, maps, status};
+use super::{anchors, geopose, localize, maps, status};
 use crate::http::problem::ProblemDocument;
 
 /// This document.
@@ -42,6 +42,10 @@ pub fn openapi_json() -> String {
         maps::list,
         maps::profile,
         maps::pack,
+        anchors::list,
+        anchors::one,
+        anchors::put,
+        anchors::delete,
         openapi,
         status::health,
         status::ready,

@@ -31,6 +31,8 @@ pub(super) async fn record(State(app): State<Arc<App>>, mut request: Request, ne
         Method::GET => "GET",
         Method::HEAD => "HEAD",
         Method::POST => "POST",
+        Method::PUT => "PUT",
+        Method::DELETE => "DELETE",
         _ => "other",
     };
     let route = request.extensions().get::<MatchedPath>().cloned();

@@ -1,8 +1,9 @@
 //! Cacheable content: `If-None-Match` and `Accept-Encoding` (RFC 9110).
 
+use crate::http::problem::Problem;
 use crate::web_page::Content;
 use axum::http::header::{
-    ACCEPT_ENCODING, CONTENT_ENCODING, CONTENT_TYPE, ETAG, HeaderName, IF_NONE_MATCH, VARY,
+    ACCEPT_ENCODING, CONTENT_ENCODING, CONTENT_TYPE, ETAG, HeaderName, IF_MATCH, IF_NONE_MATCH, VARY,
 };
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse as _, Response};
@@ -26,6 +27,16 @@ pub(super) fn version(
         return (StatusCode::NOT_MODIFIED, vary, [(ETAG, etag)]).into_response();
     }
     (vary, encoding, [(ETAG, etag)], [(CONTENT_TYPE, content_type)], content.bytes().clone()).into_response()
+}
+
+/// Checks what a client demands of the current version, `None` if there is none, before it is changed: `If-Match` with its tag
+/// or `*`, `If-None-Match: *`.
+pub(super) fn precondition(headers: &HeaderMap, current: Option<&Content>) -> Result<(), Problem> {
+    let etag = current.map(|content| format!("\"{}\"", content.hash()));
+    let is = |tag: &str| etag.as_deref().is_some_and(|etag| tag == "*" || tag == etag);
+    let demanded = !headers.contains_key(IF_MATCH) || words(headers, IF_MATCH).any(is);
+    let excluded = words(headers, IF_NONE_MATCH).any(is);
+    (demanded && !excluded).then_some(()).ok_or(Problem::PreconditionFailed)
 }
 
 /// Whether the client has this version.
@@ -90,6 +101,26 @@ mod tests {
             (&["gzippy"], false),
         ] {
             assert_eq!(accepts_gzip(&with(ACCEPT_ENCODING, lines)), takes, "{lines:?}");
+        }
+    }
+
+    #[test]
+    fn preconditions_are_checked() {
+        let content = Content::new("a");
+        let own = format!("\"b\", \"{}\"", content.hash());
+        for (name, tag, with_content, without) in [
+            (IF_MATCH, own.as_str(), true, false),
+            (IF_MATCH, "*", true, false),
+            (IF_MATCH, "\"b\"", false, false),
+            (IF_MATCH, "", false, false),
+            (IF_NONE_MATCH, own.as_str(), false, true),
+            (IF_NONE_MATCH, "*", false, true),
+            (IF_NONE_MATCH, "\"b\"", true, true),
+            (VARY, "*", true, true),
+        ] {
+            let headers = with(name.clone(), &[tag]);
+            assert_eq!(precondition(&headers, Some(&content)).is_ok(), with_content, "{name} {tag}");
+            assert_eq!(precondition(&headers, None).is_ok(), without, "{name} {tag}");
         }
     }
 

@@ -31,7 +31,7 @@ fn only_allowed_origins_get_cors_headers() {
         "without a token"
     );
     let header = |name: &str| preflight_response.header(name).unwrap_or_default().to_owned();
-    assert_eq!(header("access-control-allow-methods"), "GET, POST");
+    assert_eq!(header("access-control-allow-methods"), "GET, POST, PUT, DELETE");
     for name in ["authorization", "content-type", "veiloc-near", "veiloc-trusted-only"] {
         assert!(header("access-control-allow-headers").contains(name), "{name}");
     }

@@ -1,5 +1,6 @@
 //! Tests of `veiloc-service` from outside, one executable: linking is what costs.
 
+mod anchors;
 mod answers;
 mod common;
 mod cors;

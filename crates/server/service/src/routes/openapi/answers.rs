@@ -8,14 +8,21 @@ use utoipa::openapi::schema::{ObjectBuilder, Type};
 use utoipa::openapi::{ContentBuilder, OpenApi, Ref, RefOr, Response, ResponseBuilder};
 
 /// Statuses and descriptions; the names of problems are in docs/reference/http.md.
-const REFUSALS: [(u16, &str); 14] = [
-    (400, "Not a sealed query of a known version, an option that is none, or a body that broke off"),
+const REFUSALS: [(u16, &str); 15] = [
+    (
+        400,
+        "Not a sealed query of a known version, an option or anchor that is none, or a body that broke off",
+    ),
     (401, "No valid token"),
-    (403, "The token is not an operator's"),
-    (404, "Unknown map, or no map with a geographic reference"),
+    (403, "The token is not an operator's, or may not write this anchor"),
+    (404, "Unknown map or anchor, or no map with a geographic reference"),
     (405, "Another method is needed; see Allow"),
     (408, "The body was too slow; send the same bytes again"),
-    (409, "Sealed for another map or with an older profile, or the map is empty"),
+    (
+        409,
+        "Sealed for another map or with an older profile, the map is empty, or it has no space for more anchors",
+    ),
+    (412, "The anchor is not the one that If-Match or If-None-Match demands"),
     (413, "Longer than any query for this map, or more images than the allowance lets through at once"),
     (415, "Another media type, or a compressed body"),
     (422, "The query supports no pose"),
@@ -34,6 +41,8 @@ fn refusals_of(path: &str) -> &'static [u16] {
         | "/v1/maps/{name}/regions/{region}/localize-rig"
         | "/geopose" => &[400, 401, 404, 405, 408, 409, 413, 415, 422, 429, 500, 503, 504],
         "/v1/maps/{name}/profile" | "/v1/maps/{name}/pack" => &[401, 404, 405, 429, 503],
+        "/v1/maps/{name}/anchors" => &[401, 404, 405, 429, 500, 503],
+        "/v1/maps/{name}/anchors/{anchor}" => &[400, 401, 403, 404, 405, 408, 409, 412, 415, 429, 500, 503],
         "/v1/maps" => &[401, 405, 429, 500, 503],
         "/metrics" => &[401, 403, 405, 503],
         _ => &[405],
@@ -72,8 +81,13 @@ impl Modify for Answers {
 }
 
 fn operations(item: &mut PathItem) -> impl Iterator<Item = (Method, &mut Operation)> {
-    let get = item.get.as_mut().map(|operation| (Method::GET, operation));
-    get.into_iter().chain(item.post.as_mut().map(|operation| (Method::POST, operation)))
+    let all = [
+        (Method::GET, item.get.as_mut()),
+        (Method::POST, item.post.as_mut()),
+        (Method::PUT, item.put.as_mut()),
+        (Method::DELETE, item.delete.as_mut()),
+    ];
+    all.into_iter().filter_map(|(method, operation)| Some((method, operation?)))
 }
 
 fn refusal(status: u16, description: &str, method: &Method) -> Response {
@@ -119,8 +133,14 @@ mod tests {
             assert_eq!(counted.collect::<BTreeSet<_>>(), refusals_of(route).iter().copied().collect());
         }
         let described = |status: &u16| REFUSALS.iter().any(|(known, _)| known == status);
-        let paths =
-            ["/v1/maps/{name}/localize", "/v1/maps/{name}/profile", "/v1/maps", "/metrics", "/healthz"];
+        let paths = [
+            "/v1/maps/{name}/localize",
+            "/v1/maps/{name}/profile",
+            "/v1/maps/{name}/anchors/{anchor}",
+            "/v1/maps",
+            "/metrics",
+            "/healthz",
+        ];
         assert!(paths.iter().flat_map(|path| refusals_of(path)).all(described));
     }
 }
