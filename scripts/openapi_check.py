@@ -34,10 +34,12 @@ NEEDED = ["openapi-spec-validator", "jsonschema"]
 RIG = "/v1/maps/place/localize-rig"
 PROFILE = "/v1/maps/place/profile"
 GEOPOSE = "/geopose"
+ANCHORS = "/v1/maps/place/anchors"
 REFERENCE = ["--geo-reference", "place=47.3769,8.5417,455"]
 JSON = "application/json"
 # Only a bug gives these.
-NOT_PROVOKED = {("/v1/maps", "500"), ("/v1/maps/{name}/localize", "500"), ("/v1/maps/{name}/localize-rig", "500"), ("/geopose", "500")}
+NOT_PROVOKED = {("/v1/maps", "500"), ("/v1/maps/{name}/localize", "500"), ("/v1/maps/{name}/localize-rig", "500"), ("/geopose", "500"),
+                ("/v1/maps/{name}/anchors", "500"), ("/v1/maps/{name}/anchors/{anchor}", "500")}
 
 
 def packages():
@@ -125,14 +127,14 @@ def request(checker, port, method, path, body=None, user=None, **headers):
     return response.status, dict(response.getheaders())
 
 
-def announced(checker, port, path, length, begun=b"", more="", kind=PROTOBUF):
+def announced(checker, port, path, length, begun=b"", more="", kind=PROTOBUF, method="POST", user="phone"):
     """Announces a body, and sends nothing or only a part of it."""
     stream = socket.create_connection(("127.0.0.1", port), timeout=60)
-    head = f"POST {path} HTTP/1.1\r\nhost: x\r\nauthorization: Bearer {token('phone')}\r\n"
+    head = f"{method} {path} HTTP/1.1\r\nhost: x\r\nauthorization: Bearer {token(user)}\r\n"
     stream.sendall(f"{head}content-type: {kind}\r\ncontent-length: {length}\r\n{more}\r\n".encode() + begun)
     response = http.client.HTTPResponse(stream)
     response.begin()
-    checker.answer("POST", path, response.status, dict(response.getheaders()), response.read())
+    checker.answer(method, path, response.status, dict(response.getheaders()), response.read())
     stream.close()
 
 
@@ -180,6 +182,35 @@ def provoke(checker, scene, server):
     request(checker, port, "POST", "/metrics", b"")
 
 
+def provoke_anchors(checker, scene, server):
+    """Provokes answers about content anchors, which stay beside the map until the end."""
+    door, port = f"{ANCHORS}/door", server.port
+    anchor = {"map_from_anchor": {"q": [1, 0, 0, 0], "t": [1, 2, 3]}, "content": {"text": "mind the step"}}
+    good = json.dumps(anchor).encode()
+    put = lambda body=good, user="editor", path=door, **headers: request(
+        checker, port, "PUT", path, body, user, **{"content_type": JSON, **headers})
+    file = scene.map.with_suffix(".anchors.json")
+    file.unlink(missing_ok=True)
+    for path, user in ((door, "editor"), (door, "editor"), (door, "phone"), (door, "unknown"), (door.replace("place", "other"), "editor"),
+                       (door.replace("place", "broken"), "editor")):
+        put(path=path, user=user)
+    put(b"{")
+    put(content_type="text/plain")
+    put(if_match='"another"')
+    announced(checker, port, door, len(good), begun=good[:20], kind=JSON, method="PUT", user="editor")
+    for path in (ANCHORS, door):
+        _, headers = request(checker, port, "GET", path, None, "phone")
+        request(checker, port, "GET", path, None, "phone", if_none_match=headers["etag"])
+        request(checker, port, "GET", path.replace("place", "broken"), None, "phone")
+        request(checker, port, "GET", path.replace("place", "other"), None, "phone")
+        request(checker, port, "GET", path)
+        request(checker, port, "POST", path, b"")
+    request(checker, port, "DELETE", door, None, "editor")
+    file.write_text(json.dumps({"version": 1, "anchors": [{"name": str(i), **anchor} for i in range(1000)]}))
+    put()
+    file.unlink()
+
+
 def varint(data, at):
     """A number of the wire format at this place, and where it ends."""
     value = shift = 0
@@ -216,7 +247,7 @@ def provoke_load(checker, scene):
     busy.stop()
     limited = Server(scene, "--tokens", tokens, *REFERENCE, rate=1)
     request(checker, limited.port, "GET", "/v1/maps", None, "phone")
-    for path in ("/v1/maps", PROFILE):
+    for path in ("/v1/maps", PROFILE, ANCHORS, f"{ANCHORS}/door"):
         request(checker, limited.port, "GET", path, None, "phone")
     for path, body, kind in posts:
         request(checker, limited.port, "POST", path, body, "phone", content_type=kind)
@@ -252,13 +283,14 @@ def main():
     broken = scene.work / "broken.vmap"
     broken.write_bytes(b"no map")
     maps = ["--map", f"place={scene.map}", "--map", f"broken={broken}"]
-    server = Server(scene, "--tokens", scene.tokens(["phone", "operator!"]), "--body-timeout", "2", *REFERENCE, maps=maps)
+    server = Server(scene, "--tokens", scene.tokens(["phone", "operator!", "editor+"]), "--body-timeout", "2", *REFERENCE, maps=maps)
     document = json.loads(ask(server.port, "/v1/openapi.json")[1])
     validate(document)
     print(f"openapi-spec-validator: valid, {len(document['paths'])} paths")
     checker = Checker(document)
     try:
         provoke(checker, scene, server)
+        provoke_anchors(checker, scene, server)
     finally:
         server.stop()
     provoke_load(checker, scene)

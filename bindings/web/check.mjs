@@ -234,6 +234,25 @@ test("a pack is fetched as its bytes", async () => {
   });
 });
 
+test("anchors are written, deleted, and sorted by distance on the device", async () => {
+  const anchor = (name, t) => ({ name, map_from_anchor: { q: [1, 0, 0, 0], t }, content: { name } });
+  const list = { body: { version: 1, anchors: [anchor("a", [9, 0, 0]), anchor("b", [1, 2, 2])] } };
+  const hostile = [{ anchors: {} }, { anchors: [{ name: "a" }] }, { anchors: [anchor("<b>", [0, 0, 0])] }, { anchors: [anchor("a", [0, null, 0])] }];
+  await withService([list, list, { status: 201 }, { status: 200 }, ...hostile.map((body) => ({ body }))], async (address, requests) => {
+    const client = new Client(address, { token: "abc" });
+    assert.deepEqual(await client.anchors("lobby"), list.body.anchors);
+    const nearest = await client.anchors("lobby", { near: [1, 0, 0] });
+    assert.deepEqual(nearest.map(({ name, distance }) => [name, distance]), [["b", Math.sqrt(8)], ["a", 8]]);
+    assert.equal(requests[1].url, "/v1/maps/lobby/anchors", "the place is not sent");
+    await client.putAnchor("lobby", "door.1", { map_from_anchor: { q: [1, 0, 0, 0], t: [1, 2, 3] }, content: "x" });
+    await client.deleteAnchor("lobby", "door.1");
+    assert.deepEqual(requests[2].url, "/v1/maps/lobby/anchors/door.1");
+    assert.deepEqual(JSON.parse(Buffer.from(requests[2].body, "hex")), { map_from_anchor: { q: [1, 0, 0, 0], t: [1, 2, 3] }, content: "x" });
+    await assert.rejects(client.deleteAnchor("lobby", "a/b"), kind("anchor"));
+    for (const _ of hostile) await assert.rejects(client.anchors("lobby"), kind("bad-answer"));
+  });
+});
+
 test("invalid answers of a service are refused", async () => {
   for (const invalid of [{ type: "text/html", body: "<h1>Hotel</h1>" }, { body: "{" }, { body: { state: "sure", doubts: [] } }, { body: { ...answer, state: "trusted" } }, { body: { ...answer, doubts: [] } }]) {
     await withService([invalid], (address) => assert.rejects(new Client(address).localize("lobby", query), kind("bad-answer")));

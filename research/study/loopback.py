@@ -66,12 +66,12 @@ class Program:
         return subprocess.run([self.veiloc, "map", "info", cached_map], capture_output=True).returncode == 0
 
     def tokens(self, names, path=None):
-        """Writes a token file; the token of `phone` is `token-of-phone`. Names with `!` are operators."""
+        """Writes a token file; the token of `phone` is `token-of-phone`. Names with `!` are operators, with `+` write anchors."""
         path = path or self.work / "tokens"
         lines = []
         for name in names:
-            role = " operator" if name.endswith("!") else ""
-            name = name.rstrip("!")
+            role = {"!": " operator", "+": " anchors"}.get(name[-1], "")
+            name = name.rstrip("!+")
             lines.append(f"{name} {hashlib.sha256(token(name).encode()).hexdigest()}{role}\n")
         path.write_text("".join(lines))
         return path

@@ -17,7 +17,7 @@ import urllib.request
 from pathlib import Path
 
 from study.common import Package, command, names_of, processor_seconds
-from study.geometry import Posed, angle, center, mean_rotation, read_posed, rotation, similarity, write_posed
+from study.geometry import Posed, angle, center, mean_rotation, quaternion, read_posed, rotation, similarity, write_posed
 
 np, pycolmap, Image = Package("numpy"), Package("pycolmap"), Package("PIL.Image")
 HELD_OUT = ["queries", "localized", "trusted", "within 5 cm and 5° (%)", "within 25 cm and 2° (%)", "median error (map units)",
@@ -310,6 +310,86 @@ def merges(run):
             loose = any(warning["name"] == "loose-merge" for warning in document["warnings"])
             table.add([place, f"the halves merged, gauge {seed}", document["images"], found["localized"], "yes" if loose else "no",
                        f"{100 * (s * scale - 1):.3f}", f"{angle(r, turn.T):.4f}", f"{np.sqrt((apart**2).mean()):.4f}", *localized(merged)])  # fmt: skip
+
+
+@command("mapping/anchors.csv", places=["redkitchen", "herzjesu", "hololens-office"])
+def anchors(run):
+    """Content anchors over a map's life: created, aligned, merged, and carried to a map that replaces theirs.
+
+    Forty points of the map of the second half of the walk (by name), which is made in a random gauge, are the true places of anchors with
+    random rotations. The map is aligned to the true camera centres with 1 cm of noise along each axis, merged in its gauge into the map
+    of the first half, and the merged map is replaced by a map of the hold-outs in another gauge, whose images have no common names; and
+    where the device's own tracking is known, by a map of the same images with its poses. There the true places are those by the
+    similarity that fits the camera centres of both. An error is the distance from the true place, in the units of the true frame;
+    the stated ± is that of `map anchors`, the median. A refused transfer has the reason."""
+    table = run.table("mapping/anchors.csv", "place", "map", "images that agree", "anchors", "median error (mm)", "largest error (mm)",
+                      "largest error (°)", "stated ± (mm)", "median error of camera centres (mm)")  # fmt: skip
+    for place in run.places:
+        folder, kept = run.place(place), run.kept() / "anchors" / place
+        _, known, names, held_out = place_of(folder)
+        names, random = sorted(names), np.random.default_rng(1)
+        halves, still = (names[: len(names) // 2], names[len(names) // 2 :]), (1.0, np.eye(3), np.zeros(3))
+        to = lambda moved, x: moved[0] * np.asarray(x) @ moved[1].T + moved[2]
+        shutil.rmtree(kept, ignore_errors=True)
+
+        def build(name, images, poses=known, moved=still):
+            write_posed(kept / name, {image: regauged(poses[image], moved) for image in images})
+            run.run("map", "build", "--quiet", "--no-coordinate-frame-check", "--images", folder / "images", "--work", run.kept() / "work",
+                    "--posed", kept / name, "-o", kept / f"{name}.vmap")  # fmt: skip
+            return kept / f"{name}.vmap"
+
+        def exported(file):
+            run.run("map", "export", file, "--quiet", "--text", "--colmap", file.with_suffix(".colmap"))
+            return file.with_suffix(".colmap")
+
+        def row(what, file, moved, agree="", stated=()):
+            found = run.json("map", "anchors", file)["anchors"]
+            turn = [angle(rotation(a["map_from_anchor"]["q"]), moved[1] @ turns[a["name"]]) for a in found]
+            off = [np.linalg.norm(a["map_from_anchor"]["t"] - to(moved, places[a["name"]])) for a in found]
+            cameras = read_posed(exported(file))
+            centers = [np.linalg.norm(c.center - to(moved, known[name].center)) for name, c in cameras.items()]
+            mm = lambda length: f"{1000 * length / moved[0]:.1f}" if length < np.inf else ""
+            table.add([place, what, agree, len(found), mm(np.median(off)), mm(max(off)), f"{max(turn):.3f}",
+                       mm(np.median(stated)) if len(stated) else "", mm(np.median(centers))])  # fmt: skip
+
+        def carried(what, file, moved, *how):
+            done = subprocess.run([run.veiloc, "map", "anchors", file, *map(str, how)], capture_output=True, text=True)
+            if done.returncode:
+                reason = re.sub(r"[│×\s]+", " ", done.stderr.split("believed:")[-1])
+                table.add([place, f"{what}: refused", reason.strip()[:200], *[""] * 6])
+                return
+            agree = re.search(r"(\d+) images agree", done.stderr).group(1)
+            row(what, file, moved, agree, [float(x) for x in re.findall(r"± (\S+)  \d", done.stderr)])
+
+        first, moved = build("first", halves[0]), gauge(1)
+        second = build("second", halves[1], moved=moved)
+        cloud = [line.split()[1:4] for line in (exported(second) / "points3D.txt").read_text().splitlines() if line[:1].isdigit()]
+        chosen = random.choice(np.array(cloud, float), 40, replace=False)
+        places = {f"{i:02}": (x - moved[2]) @ moved[1] / moved[0] for i, x in enumerate(chosen)}
+        turns = {name: rotation(random.normal(size=4)) for name in places}
+        pose = lambda name: {"q": list(quaternion(moved[1] @ turns[name])), "t": list(to(moved, places[name]))}
+        document = {"version": 1, "anchors": [{"name": name, "map_from_anchor": pose(name)} for name in places]}
+        (kept / "anchors.json").write_text(json.dumps(document))
+        run.run("map", "anchors", second, "--import", kept / "anchors.json")
+        row("created, in a gauge", second, moved)
+
+        lines = [" ".join(map(str, [name, *(known[name].center + random.normal(size=3) * 0.01)])) for name in halves[1]]
+        aligned = kept / "aligned.vmap"
+        run.run("map", "align", second, "--positions", run.listed("centres", lines), "--known-down", "none", "-o", aligned)
+        row("aligned to centres ± 1 cm", aligned, still)
+        merged = kept / "merged.vmap"
+        agree = run.json("map", "merge", first, second, "-o", merged, "--keep-loose")["alignment"]["localized"]
+        row("merged into the other half", merged, still, agree)
+        other = gauge(2)
+        carried("replaced by a map of the hold-outs", build("hold-outs", held_out, moved=other), other, "--carry-from", merged)
+        if (folder / "posed-given").is_dir():
+            given = read_posed(folder / "posed-given")
+            tracked = similarity(*(np.array([poses[name].center for name in names]) for poses in (known, given)))
+            for how in (["--carry-from", merged], ["--carry"]):
+                new = build("tracking", names, given)
+                if how == ["--carry"]:
+                    shutil.copy(merged.with_suffix(".anchors.json"), new.with_suffix(".anchors.json"))
+                carried(f"replaced by one of the device's tracking ({how[0]})", new, tracked, *how)
 
 
 NOISE = [0.0, 1.0, 3.0]

@@ -36,6 +36,7 @@ struct Free {
   void operator()(VeilocSealedBurst *handle) const { veiloc_sealed_burst_free(handle); }
   void operator()(VeilocAnswer *handle) const { veiloc_answer_free(handle); }
   void operator()(VeilocAlignment *handle) const { veiloc_alignment_free(handle); }
+  void operator()(VeilocAnchors *handle) const { veiloc_anchors_free(handle); }
   void operator()(VeilocCancellation *handle) const { veiloc_cancellation_free(handle); }
 };
 
@@ -53,6 +54,7 @@ using Burst = std::unique_ptr<VeilocBurst, Free>;
 using SealedBurst = std::unique_ptr<VeilocSealedBurst, Free>;
 using Answer = std::unique_ptr<VeilocAnswer, Free>;
 using Alignment = std::unique_ptr<VeilocAlignment, Free>;
+using Anchors = std::unique_ptr<VeilocAnchors, Free>;
 /// `veiloc_cancel` from any thread.
 using Cancellation = std::unique_ptr<VeilocCancellation, Free>;
 using Bytes = std::vector<uint8_t>;
@@ -204,6 +206,22 @@ inline VeilocPose world_from_anchor(const Alignment &alignment, VeilocAxes axes,
   VeilocPose pose{};
   check(veiloc_alignment_world_from_anchor(alignment.get(), axes, &map_from_anchor, &pose));
   return pose;
+}
+
+inline Anchors anchors(const Bytes &bytes) {
+  VeilocAnchors *handle = nullptr;
+  check(veiloc_anchors_new(bytes.data(), bytes.size(), &handle));
+  return Anchors(handle);
+}
+
+/// Content anchors in the AR world, the nearest first. Texts are valid until the next call.
+inline std::vector<VeilocPlacedAnchor> place(const Anchors &anchors, const Alignment &alignment, VeilocAxes axes,
+                                             const VeilocPose &camera) {
+  size_t count = 0;
+  check(veiloc_anchors_place(anchors.get(), alignment.get(), axes, &camera, &count));
+  std::vector<VeilocPlacedAnchor> placed(count);
+  for (size_t i = 0; i < count; i++) check(veiloc_anchors_get(anchors.get(), i, &placed[i]));
+  return placed;
 }
 
 }  // namespace veiloc

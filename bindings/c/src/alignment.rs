@@ -9,7 +9,7 @@ use crate::status::{Failure, VeilocStatus, guarded};
 
 /// Answers of one AR session, and the transform that most of them agree on.
 pub struct VeilocAlignment {
-    alignment: Alignment,
+    pub(crate) alignment: Alignment,
 }
 
 /// How far the transform is known.

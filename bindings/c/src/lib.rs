@@ -26,6 +26,7 @@
 
 pub mod advice;
 pub mod alignment;
+pub mod anchors;
 pub mod answer;
 pub mod burst;
 pub mod bytes;

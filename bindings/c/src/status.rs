@@ -32,7 +32,7 @@ pub enum VeilocStatus {
     TurnedAway = 8,
     /// The frame cannot be sealed as the profile and the options ask.
     Seal = 9,
-    /// The bytes are not an answer of this version.
+    /// The bytes are not an answer, or content anchors, of this version.
     Answer = 10,
     /// There is no trusted answer yet.
     NotAligned = 11,

@@ -78,7 +78,7 @@ pub struct CameraInMap {
 }
 
 impl Alignment {
-    fn locked(&self) -> MutexGuard<'_, veiloc_ar::Alignment> {
+    pub(crate) fn locked(&self) -> MutexGuard<'_, veiloc_ar::Alignment> {
         self.alignment.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -18,6 +18,7 @@
 
 pub mod advice;
 pub mod alignment;
+pub mod anchors;
 pub mod answer;
 pub mod burst;
 pub mod camera;

@@ -53,7 +53,7 @@ fn keypoints(
 }
 
 /// A JSON document as Python dictionaries and lists.
-fn json_to_python(py: Python<'_>, text: serde_json::Result<String>) -> Result<Bound<'_, PyAny>> {
+pub(crate) fn json_to_python(py: Python<'_>, text: serde_json::Result<String>) -> Result<Bound<'_, PyAny>> {
     Ok(py.import("json")?.call_method1("loads", (text.map_err(BindingError::other)?,))?)
 }
 

@@ -8,10 +8,11 @@ use std::time::Duration;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use veiloc_client::{ClientOptions, LocalizeRequest, ProgressiveAnswer, RigMessage, StopCriterion};
-use veiloc_protocol::{PositionHint, SealedQuery};
+use veiloc_protocol::{AnchorPose, ContentAnchor, PositionHint, SealedQuery};
 
 use crate::answer::Answer;
 use crate::arrays;
+use crate::attacks::json_to_python;
 use crate::blocking::abandonable;
 use crate::errors::{BindingError, Result};
 use crate::map::frames_of;
@@ -201,6 +202,89 @@ impl Client {
         let (rig, request) = (RigMessage { frames: frames_of(frames)? }, request(trusted_only, near)?);
         let client = Arc::clone(&self.client);
         Ok(Answer::of_service(abandonable(py, move || client.localize_rig(&map, &rig, &request))??))
+    }
+
+    /// Fetches all content anchors of a map.
+    ///
+    /// Args:
+    ///     map: name of the map at the service.
+    ///     near: `(x, y, z)`: a place in the map; the nearest anchor comes first, and each has its `distance` from there, map
+    ///         units. The service does not learn it.
+    ///
+    /// Returns:
+    ///     Dictionaries with `name`, `map_from_anchor` (`q`: w, x, y, z, and `t`), `content`, and `owner` of own anchors.
+    ///
+    /// Raises:
+    ///     RefusedError: the service refused the request.
+    ///     ServiceError: the service cannot be reached, or its answer cannot be read.
+    #[pyo3(signature = (map, *, near=None))]
+    fn anchors<'py>(
+        &self,
+        py: Python<'py>,
+        map: String,
+        near: Option<&Bound<'py, PyAny>>,
+    ) -> Result<Bound<'py, PyAny>> {
+        let near = near.map(|near| arrays::vector::<3>("near", near)).transpose()?;
+        let client = Arc::clone(&self.client);
+        let anchors = abandonable(py, move || client.anchors(&map))??;
+        let document = match near {
+            None => serde_json::to_value(anchors.anchors()),
+            Some(near) => anchors
+                .nearest(near)
+                .into_iter()
+                .map(|(anchor, distance)| {
+                    let mut anchor = serde_json::to_value(anchor)?;
+                    anchor["distance"] = distance.into();
+                    Ok(anchor)
+                })
+                .collect(),
+        };
+        Ok(json_to_python(py, document.map(|document| document.to_string()))?)
+    }
+
+    /// Writes a content anchor: a new one, or one that the token owns. The last writer wins.
+    ///
+    /// Args:
+    ///     map: name of the map at the service.
+    ///     name: of the anchor: letters, digits, `-`, `_` and `.`.
+    ///     q: quaternion w, x, y, z from the content's axes to the map's.
+    ///     t: position in the map, map units.
+    ///     content: what `json.dumps` takes, at most 4096 bytes.
+    ///
+    /// Raises:
+    ///     InputError: no service takes this anchor; nothing was sent.
+    ///     RefusedError: the token lacks the permission `anchors`, or another token owns the anchor.
+    ///     ServiceError: the service cannot be reached.
+    #[pyo3(signature = (map, name, *, q, t, content=None))]
+    fn put_anchor(
+        &self,
+        py: Python<'_>,
+        map: String,
+        name: String,
+        q: &Bound<'_, PyAny>,
+        t: &Bound<'_, PyAny>,
+        content: Option<&Bound<'_, PyAny>>,
+    ) -> Result<()> {
+        let (q, t) = (arrays::vector::<4>("q", q)?, arrays::vector::<3>("t", t)?);
+        let content = match content {
+            None => serde_json::Value::Null,
+            Some(content) => {
+                let text: String = py.import("json")?.call_method1("dumps", (content,))?.extract()?;
+                serde_json::from_str(&text).map_err(|e| BindingError::input(format_args!("content: {e}")))?
+            }
+        };
+        let anchor = ContentAnchor { name, map_from_anchor: AnchorPose { q, t }, content, owner: None };
+        let client = Arc::clone(&self.client);
+        Ok(abandonable(py, move || client.put_anchor(&map, &anchor))??)
+    }
+
+    /// Deletes a content anchor that the token owns.
+    ///
+    /// Raises:
+    ///     InputError, RefusedError, ServiceError: as for `put_anchor`.
+    fn delete_anchor(&self, py: Python<'_>, map: String, name: String) -> Result<()> {
+        let client = Arc::clone(&self.client);
+        Ok(abandonable(py, move || client.delete_anchor(&map, &name))??)
     }
 
     fn __repr__(&self) -> String {

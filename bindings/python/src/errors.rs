@@ -183,7 +183,7 @@ impl From<ClientError> for BindingError {
                 })
             }
             ClientError::NotLocalized(_) => Self(python::NotLocalizedError::new_err(message)),
-            ClientError::SeparateAnchors(_) => Self::input(message),
+            ClientError::SeparateAnchors(_) | ClientError::Anchor(_) => Self::input(message),
             ClientError::WrongProfile(_) => Self(python::WrongProfileError::new_err(message)),
             ClientError::Refused(Refusal { status, name, .. }) => {
                 Self::with_attributes(python::RefusedError::new_err(message), |value| {

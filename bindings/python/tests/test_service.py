@@ -220,6 +220,29 @@ except KeyboardInterrupt:
 """
 
 
+def test_content_anchors_are_written_and_sorted(rendered, service, program_path, tmp_path):
+    words = ["token", "new", "writer", "--anchors", "--tokens", tmp_path / "tokens"]
+    created = subprocess.run([program_path, *words], capture_output=True, text=True, check=True)
+    own = Service(program_path, tmp_path, rendered.map, "--tokens", str(tmp_path / "tokens"), "--drain-delay", "0")
+    client = veiloc.Client(own.address, created.stdout.strip())
+    client.put_anchor("room", "far", q=[1, 0, 0, 0], t=[9, 0, 0], content={"text": "é", "n": 1.5})
+    client.put_anchor("room", "near", q=np.array([0, 1, 0, 0]), t=(1, 2, 2))
+    assert [anchor["name"] for anchor in client.anchors("room")] == ["far", "near"]
+    near, far = client.anchors("room", near=(1, 0, 0))
+    assert (near["name"], near["distance"], near["content"]) == ("near", 8**0.5, None)
+    assert (far["content"], far["owner"], far["map_from_anchor"]["t"]) == ({"text": "é", "n": 1.5}, "writer", [9, 0, 0])
+    for wrong in [{"q": [0, 0, 0, 0]}, {"t": [0, 0, float("nan")]}, {"content": float("nan")}, {"content": "x" * 5000}]:
+        with pytest.raises(veiloc.InputError):
+            client.put_anchor("room", "wrong", **{"q": [1, 0, 0, 0], "t": [0, 0, 0], **wrong})
+    client.delete_anchor("room", "far")
+    with pytest.raises(veiloc.RefusedError) as refused:
+        client.delete_anchor("room", "far")
+    assert (refused.value.status, refused.value.name) == (404, "unknown-anchor")
+    with pytest.raises(veiloc.RefusedError, match="anchors"):
+        veiloc.Client(service.address, service.token).delete_anchor("room", "far")
+    assert own.stop() == 0
+
+
 def test_ctrl_c_ends_an_unanswered_request():
     with socket.create_server(("127.0.0.1", 0)) as silent_server:
         reset_sigint = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -297,9 +297,21 @@ namespace Veiloc
         [DllImport(Library)] internal static extern Status veiloc_alignment_world_from_anchor(IntPtr alignment, uint axes, ref Pose anchor, out Pose pose);
         [DllImport(Library)] internal static extern void veiloc_alignment_reset(IntPtr alignment);
         [DllImport(Library)] internal static extern void veiloc_alignment_free(IntPtr alignment);
+        [DllImport(Library)] internal static extern Status veiloc_anchors_new(byte[] bytes, UIntPtr length, out IntPtr handle);
+        [DllImport(Library)] internal static extern Status veiloc_anchors_place(IntPtr anchors, IntPtr alignment, uint axes, ref Pose camera, out UIntPtr count);
+        [DllImport(Library)] internal static extern Status veiloc_anchors_get(IntPtr anchors, UIntPtr index, out Placed placed);
+        [DllImport(Library)] internal static extern void veiloc_anchors_free(IntPtr anchors);
         [DllImport(Library)] internal static extern Advice veiloc_advice(ref QueryInfo query, IntPtr answer, double degreesPerSecond, uint misses);
         [DllImport(Library)] internal static extern Advice veiloc_advice(IntPtr query, IntPtr answer, double degreesPerSecond, uint misses);
         [DllImport(Library)] internal static extern IntPtr veiloc_advice_text(Advice advice);
+
+        [StructLayout(LayoutKind.Sequential)]
+        internal struct Placed
+        {
+            internal IntPtr Name, Content;
+            internal Pose WorldFromAnchor;
+            internal double Distance;
+        }
 
         internal static void Check(Status status)
         {
@@ -782,6 +794,49 @@ namespace Veiloc
         public void Reset() { Native.veiloc_alignment_reset(Value); }
 
         internal override void Free(IntPtr handle) { Native.veiloc_alignment_free(handle); }
+    }
+
+    /// <summary>A content anchor in the AR world.</summary>
+    public struct PlacedAnchor
+    {
+        public string Name;
+        /// <summary>JSON.</summary>
+        public string Content;
+        public Pose WorldFromAnchor;
+        /// <summary>From the camera, metres.</summary>
+        public double Distance;
+    }
+
+    /// <summary>The content anchors of a map: the body of GET /v1/maps/{map}/anchors.</summary>
+    public class Anchors : Handle
+    {
+        Anchors(IntPtr handle) : base(handle) { }
+
+        public static Anchors Read(byte[] bytes)
+        {
+            IntPtr handle;
+            Native.Check(Native.veiloc_anchors_new(bytes, (UIntPtr)bytes.Length, out handle));
+            return new Anchors(handle);
+        }
+
+        /// <summary>All in the AR world, the nearest first; none before the first trusted answer.</summary>
+        public PlacedAnchor[] Place(Alignment alignment, Pose camera, Axes axes = Axes.Unity)
+        {
+            UIntPtr count;
+            Native.Check(Native.veiloc_anchors_place(Value, alignment.Value, (uint)axes, ref camera, out count));
+            var all = new PlacedAnchor[(int)count];
+            for (var i = 0; i < all.Length; i++)
+            {
+                Native.Placed one;
+                Native.Check(Native.veiloc_anchors_get(Value, (UIntPtr)i, out one));
+                all[i] = new PlacedAnchor { Name = Native.Text(one.Name), Content = Native.Text(one.Content), WorldFromAnchor = one.WorldFromAnchor, Distance = one.Distance };
+            }
+            GC.KeepAlive(this);
+            GC.KeepAlive(alignment);
+            return all;
+        }
+
+        internal override void Free(IntPtr handle) { Native.veiloc_anchors_free(handle); }
     }
 
     public static class Library

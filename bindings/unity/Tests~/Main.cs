@@ -7,6 +7,7 @@ using System.Globalization;
 using System.IO;
 using System.Linq;
 using System.Net;
+using System.Text;
 using System.Threading;
 using Veiloc;
 
@@ -89,6 +90,10 @@ static class Program
             Expect(Library.Text(Library.AdviceFor(query.Info, null)).Length > 5, "an advice");
         }
         Bursts(profile, pixels, layout, camera, pose);
+        Throws(Status.Answer, "no anchors", () => Anchors.Read(new byte[3]));
+        using (var alignment = Alignment.Begin())
+        using (var anchors = Anchors.Read(Encoding.UTF8.GetBytes("{\"version\":1,\"anchors\":[]}")))
+            Expect(anchors.Place(alignment, pose).Length == 0, "anchors before an answer");
         using (var alignment = Alignment.Begin()) Throws(Status.NotAligned, "no answer", () => alignment.WorldFromAnchor(pose));
         var part = Camera.Pinhole(4, 4, 1, 1, 2, 2).Cropped(1, 0, 3, 2);
         Expect(part.Width == 3 && part.Height == 2 && part.Params.SequenceEqual(new[] { 1.0, 1, 1, 2 }), "a part of an image");

@@ -11,6 +11,9 @@ const printable = (text) =>
   // Removes control characters and marks that change the direction of text.
   String(text ?? "").replace(/[\u0000-\u001f\u007f-\u009f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]/g, "").slice(0, 500);
 
+/** Names of maps and anchors. */
+const isName = (name) => /^[A-Za-z0-9_.-]{1,64}$/.test(name) && name !== "." && name !== "..";
+
 const isLoopback = (host) => host === "localhost" || host === "[::1]" || /^127(\.\d+){3}$/.test(host);
 
 const pause = (milliseconds, signal) =>
@@ -61,6 +64,33 @@ export class Client {
     return new Uint8Array(await reply.arrayBuffer());
   }
 
+  /**
+   * All content anchors of a map. With `near`, a place in the map, the nearest comes first and each has its `distance`; the service
+   * does not learn the place.
+   */
+  async anchors(map, { near } = {}) {
+    const { anchors } = await json(await this.#fetch(this.#resource(map, "anchors"), {}));
+    const isPose = ({ q, t } = {}) => q?.length === 4 && t?.length === 3 && [...q, ...t].every(Number.isFinite);
+    if (!Array.isArray(anchors) || !anchors.every((anchor) => isName(anchor?.name) && isPose(anchor.map_from_anchor))) {
+      throw new VeilocError("bad-answer", "the answer is no list of anchors");
+    }
+    if (!near) return anchors;
+    const distance = ({ map_from_anchor: { t } }) => Math.hypot(...t.map((c, k) => c - near[k]));
+    return anchors.map((anchor) => ({ ...anchor, distance: distance(anchor) })).sort((a, b) => a.distance - b.distance);
+  }
+
+  /** Writes a content anchor: a new one, or one that the token owns. The last writer wins. */
+  async putAnchor(map, name, { map_from_anchor, content = null }) {
+    const body = JSON.stringify({ map_from_anchor, content });
+    const headers = { "content-type": "application/json" };
+    await this.#fetch(this.#anchor(map, name), { method: "PUT", headers, body });
+  }
+
+  /** Deletes a content anchor that the token owns. */
+  async deleteAnchor(map, name) {
+    await this.#fetch(this.#anchor(map, name), { method: "DELETE" });
+  }
+
   /** Localizes a sealed query, given as its bytes or as the result of `sealer.seal`. */
   async localize(map, query, options = {}) {
     if (query.unbalanced) throw new VeilocError("unbalanced", query.unbalanced);
@@ -109,10 +139,13 @@ export class Client {
     return answer;
   }
 
+  #anchor(map, name) {
+    if (!isName(name)) throw new VeilocError("anchor", `${printable(name)} is not a valid name of an anchor`);
+    return this.#resource(map, `anchors/${name}`);
+  }
+
   #resource(map, resource) {
-    if (!/^[A-Za-z0-9_.-]{1,64}$/.test(map) || map === "." || map === "..") {
-      throw new VeilocError("map-name", `${printable(map)} is not a valid map name`);
-    }
+    if (!isName(map)) throw new VeilocError("map-name", `${printable(map)} is not a valid map name`);
     return `${this.#base}/v1/maps/${map}/${resource}`;
   }
 

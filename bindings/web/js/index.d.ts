@@ -294,6 +294,11 @@ export class Client {
   profile(map: string): Promise<Uint8Array>;
   /** The pack of a map, for `SealOptions.pack`. Throws `VeilocError` `refused` where the operator gives no packs. */
   pack(map: string): Promise<Uint8Array>;
+  /** All content anchors of a map; with `near`, a place in the map, the nearest first. The service does not learn the place. */
+  anchors(map: string, options?: { near?: [number, number, number] }): Promise<ContentAnchor[]>;
+  /** Writes a content anchor: a new one, or one that the token owns. The last writer wins. */
+  putAnchor(map: string, name: string, anchor: Pick<ContentAnchor, "map_from_anchor"> & { content?: unknown }): Promise<void>;
+  deleteAnchor(map: string, name: string): Promise<void>;
   localize(map: string, query: Uint8Array | Sealed, options?: LocalizeOptions): Promise<Answer>;
   /** Localizes in steps, and stops at the first trusted pose whose `position_sd` is at most `accurateTo` (map units). */
   localizeProgressive(
@@ -301,6 +306,19 @@ export class Client {
     query: Sealed,
     options?: LocalizeOptions & { accurateTo?: number },
   ): Promise<{ answer: Answer; steps: Step[] }>;
+}
+
+/** Content at a place of a map. */
+export interface ContentAnchor {
+  name: string;
+  /** `x_map = R x_anchor + t`: quaternion `w x y z` and position, map units. */
+  map_from_anchor: { q: [number, number, number, number]; t: [number, number, number] };
+  /** Any JSON, at most 4096 bytes. */
+  content: unknown;
+  /** Name of the token that wrote it; of own anchors only. */
+  owner?: string;
+  /** From `near`, map units. */
+  distance?: number;
 }
 
 export interface MapEntry {

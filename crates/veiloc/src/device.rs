@@ -19,6 +19,6 @@ pub use veiloc_obfuscation::{
     SealErrorKind, SealOptions, Sealer, Session, SessionAnchors, SessionOptions, SessionSealer, device_rng,
 };
 pub use veiloc_protocol::{
-    Answer, AnswerDocument, AnswerPose, CoarseGravity, FocalKnowledge, Pack, PositionHint, Profile,
-    QueryError, Scheme, SealedQuery,
+    AnchorPose, Answer, AnswerDocument, AnswerPose, CoarseGravity, ContentAnchor, ContentAnchorError,
+    ContentAnchors, FocalKnowledge, Pack, PositionHint, Profile, QueryError, Scheme, SealedQuery,
 };

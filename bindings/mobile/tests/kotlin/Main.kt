@@ -170,6 +170,8 @@ fun border(profile: Profile, pixels: ByteBuffer, layout: FrameLayout, camera: Ca
     val lens = composedPose(pose, Pose(0.0, 0.0, -0.5, 0.0, 0.0, 0.0, 1.0))
     check(Math.abs(lens.x - 1.5) < 1e-6 && Math.abs(lens.z + 2.0) < 1e-6)
     check(Alignment().worldFromAnchor(Axes.UNITY, pose) == null)
+    expect<VeilocException.Answer>("no anchors") { ContentAnchors(ByteArray(3)) }
+    check(ContentAnchors("""{"version":1,"anchors":[]}""".toByteArray()).place(Alignment(), upright).isEmpty())
 }
 
 /** The newest frame is the rig, a black one is left out, and a burst without texture leaves the session. */

@@ -885,6 +885,44 @@ class Client:
             RefusedError: the operator gives no packs, or the service refused the request.
             ServiceError: the service cannot be reached, or has another pack than `pack_ids`.
         """
+    def anchors(self, map: str, *, near: npt.ArrayLike | None = None) -> list[dict[str, Any]]:
+        """Fetches all content anchors of a map.
+
+        Args:
+            map: name of the map at the service.
+            near: `(x, y, z)`: a place in the map; the nearest anchor comes first, and each has its `distance` from there, map
+                units. The service does not learn it.
+
+        Returns:
+            Dictionaries with `name`, `map_from_anchor` (`q`: w, x, y, z, and `t`), `content`, and `owner` of own anchors.
+
+        Raises:
+            RefusedError: the service refused the request.
+            ServiceError: the service cannot be reached, or its answer cannot be read.
+        """
+    def put_anchor(
+        self, map: str, name: str, *, q: npt.ArrayLike, t: npt.ArrayLike, content: Any = None
+    ) -> None:
+        """Writes a content anchor: a new one, or one that the token owns. The last writer wins.
+
+        Args:
+            map: name of the map at the service.
+            name: of the anchor: letters, digits, `-`, `_` and `.`.
+            q: quaternion w, x, y, z from the content's axes to the map's.
+            t: position in the map, map units.
+            content: what `json.dumps` takes, at most 4096 bytes.
+
+        Raises:
+            InputError: no service takes this anchor; nothing was sent.
+            RefusedError: the token lacks the permission `anchors`, or another token owns the anchor.
+            ServiceError: the service cannot be reached.
+        """
+    def delete_anchor(self, map: str, name: str) -> None:
+        """Deletes a content anchor that the token owns.
+
+        Raises:
+            InputError, RefusedError, ServiceError: as for `put_anchor`.
+        """
     def localize(
         self, map: str, query: bytes, *, trusted_only: bool = False, near: npt.ArrayLike | None = None
     ) -> Answer:

@@ -3,6 +3,7 @@
 mod add;
 mod align;
 mod alignment;
+pub(crate) mod anchors;
 mod build;
 mod compress;
 mod coordinate_frame;
@@ -45,6 +46,8 @@ pub(crate) enum Command {
     Align(align::AlignArgs),
     /// Merge two maps that show a common part.
     Merge(merge::MergeArgs),
+    /// List, import or carry the content anchors of a map.
+    Anchors(anchors::AnchorsArgs),
     /// Remove images from a map, with their keypoints and the points that only they observe.
     Remove(remove::RemoveArgs),
     /// Write the profile that a device needs to seal queries for a map; it contains no map data.
@@ -86,6 +89,7 @@ pub(crate) fn run(command: &Command, ui: &Ui) -> Outcome {
         Command::View(args) => view::run(args, ui),
         Command::Align(args) => align::run(args, ui),
         Command::Merge(args) => merge::run(args, ui),
+        Command::Anchors(args) => anchors::run(args, ui),
         Command::Remove(args) => remove::run(args, ui),
         Command::Profile(args) => profile::run(args, ui),
         Command::Pack(args) => pack::run(args, ui),

@@ -45,6 +45,9 @@ pub(crate) struct NewArgs {
     /// The token may also read the metrics, which cover every map.
     #[arg(long)]
     operator: bool,
+    /// The token may also write content anchors: its own, and with --operator those of others.
+    #[arg(long)]
+    anchors: bool,
     /// The token is of a gateway (`serve --workers`), which limits the rates of its clients itself: without a limit and without
     /// the delay of --answer-quantum, and its word is taken for which client a query comes from.
     #[arg(long)]
@@ -134,6 +137,7 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
     let mut entry = TokenEntry::new(&args.name, secret.key()).map_err(Failure::refused)?;
     entry.operator = args.operator;
     entry.gateway = args.gateway;
+    entry.anchors = args.anchors;
     entry.expires = expires;
     if !args.maps.is_empty() {
         entry.grant_maps(args.maps.iter().map(String::as_str)).map_err(Failure::refused)?;
@@ -227,6 +231,9 @@ fn describe_permissions(entry: &TokenEntry) -> String {
     if entry.gateway {
         text += ", as a gateway";
     }
+    if entry.anchors {
+        text += ", and write content anchors";
+    }
     text
 }
 
@@ -242,6 +249,8 @@ struct ListedToken {
     operator: bool,
     /// Whether it is of a gateway.
     gateway: bool,
+    /// Whether it may write content anchors.
+    anchors: bool,
     /// Names of the maps that it gives access to; null for all.
     maps: Option<Vec<String>>,
     /// Expiry, `2027-01-31T00:00:00Z`; null for never.
@@ -268,6 +277,7 @@ fn list(args: &ListArgs, ui: &Ui) -> Outcome {
         hash: entry.key().beginning(),
         operator: entry.operator,
         gateway: entry.gateway,
+        anchors: entry.anchors,
         maps: entry.maps().map(|maps| maps.map(str::to_owned).collect()),
         expires: entry.expires.map(|end| end.to_string()),
         expired: entry.has_expired(now),
@@ -290,7 +300,11 @@ fn list(args: &ListArgs, ui: &Ui) -> Outcome {
         };
         let operator = if token.operator { "  operator" } else { "" };
         let gateway = if token.gateway { "  gateway" } else { "" };
-        ui.print(format_args!("{:width$}  {}…  {maps}  {end}{operator}{gateway}\n", token.name, token.hash));
+        let anchors = if token.anchors { "  anchors" } else { "" };
+        ui.print(format_args!(
+            "{:width$}  {}…  {maps}  {end}{operator}{gateway}{anchors}\n",
+            token.name, token.hash
+        ));
     }
     Ok(Exit::Success)
 }

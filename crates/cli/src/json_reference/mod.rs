@@ -24,6 +24,7 @@ pub fn json_reference() -> Result<String, String> {
     page.section("localize", &schema::<commands::localize::document::LocalizeDocument>());
     page.section("localize --rig", &schema::<commands::localize::rig::RigDocument>());
     page.section("map info", &schema::<commands::map::facts::Info>());
+    page.section("map anchors", &schema::<veiloc_protocol::ContentAnchors>());
     page.section("map split", &schema::<commands::map::split::SplitDocument<'_>>());
     page.section("map publish", &schema::<commands::map::publish::PublishedDocument<'_>>());
     page.section("map fetch", &schema::<commands::map::publish::FetchedDocument<'_>>());

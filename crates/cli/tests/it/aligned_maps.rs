@@ -273,3 +273,118 @@ fn a_fit_that_is_not_to_be_believed_is_refused() {
     assert!(run.code == Some(1) && run.stderr.contains("90° apart"), "{run}");
     assert!(!scene.path("wrong.vmap").exists());
 }
+
+/// Content anchors keep their places in the world while the map is aligned, merged, compressed, changed and replaced.
+#[test]
+fn content_anchors_stay_with_their_map() {
+    let scene = scene();
+    let turn = [0.8, 0.0, 0.0, 0.6];
+    let places = [("board", [0.4, -0.3, 1.1]), ("cup", [-0.7, 0.5, 0.4])];
+    let document = |names: &[(&str, [f64; 3])]| {
+        let anchor = |(name, t): &(&str, [f64; 3])| serde_json::json!({"name": name, "map_from_anchor": {"q": turn, "t": t}, "content": {"of": name}, "owner": "ann"});
+        serde_json::json!({"version": 1, "anchors": names.iter().map(anchor).collect::<Vec<_>>()}).to_string()
+    };
+    let import = |map: &str, names: &[(&str, [f64; 3])]| {
+        scene.write("anchors.json", document(names));
+        scene.run(&format!("map anchors {map} --import anchors.json")).succeeded();
+    };
+    let listed =
+        |map: &str| scene.run(&format!("map anchors {map} --json")).succeeded().json()["anchors"].clone();
+    // The largest distance from where the places are in a frame, over its scale, and angle in degrees.
+    let errors = |map: &str, frame: &Similarity3| {
+        let mut worst = (0.0_f64, 0.0_f64);
+        for anchor in listed(map).as_array().expect("anchors") {
+            let (_, t) = places.iter().find(|(name, _)| anchor["name"] == *name).expect("its place");
+            let (q, at) = (&anchor["map_from_anchor"]["q"], &anchor["map_from_anchor"]["t"]);
+            let found = Vector3::new(number(&at[0]), number(&at[1]), number(&at[2]));
+            let off = (found - frame.transform(&Vector3::from(*t))).norm() / frame.scale;
+            // By the direction of an axis of the content that its own rotation, about z by 73.74°, moves.
+            let [w, x, y, z] = [0, 1, 2, 3].map(|i| number(&q[i]));
+            let axis =
+                Vector3::new(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y));
+            let expected = frame.rotation * Vector3::new(0.28, 0.96, 0.0);
+            worst = (worst.0.max(off), worst.1.max(axis.angle(&expected).to_degrees()));
+            assert_eq!((&anchor["owner"], &anchor["content"]["of"]), (&"ann".into(), &anchor["name"]));
+        }
+        worst
+    };
+    let world = Similarity3::identity();
+    let names = |range: std::ops::Range<usize>| {
+        range.map(|i| format!("map-{i:02}.png")).collect::<Vec<_>>().join(" ")
+    };
+    for (map, without, own) in
+        [("with-anchors-a.vmap", names(6..10), 0..1), ("with-anchors-b.vmap", names(0..6), 1..2)]
+    {
+        scene.run(&format!("map remove place.vmap {without} --no-self-test -o {map}")).succeeded();
+        import(map, &places[own]);
+    }
+    // Aligned: by the exact transform that the map got.
+    align(scene, "with-anchors-b.vmap", "with-anchors-b.vmap", &gauge());
+    let (off, angle) = errors("with-anchors-b.vmap", &gauge());
+    assert!(off < 1e-9 && angle < 1e-6, "{off} {angle}");
+
+    // Merged: those of the second map by the transform of the merge; those of the first stay to the bit.
+    scene.run("map merge with-anchors-a.vmap with-anchors-b.vmap --prefix day-2/ --no-self-test -o with-anchors-whole.vmap").succeeded();
+    assert_eq!(listed("with-anchors-whole.vmap")[0], listed("with-anchors-a.vmap")[0]);
+    let (off, angle) = errors("with-anchors-whole.vmap", &world);
+    assert!(
+        listed("with-anchors-whole.vmap").as_array().is_some_and(|all| all.len() == 2),
+        "{}",
+        listed("with-anchors-whole.vmap")
+    );
+    assert!(off < POSITION_TOLERANCE && angle < 1.0, "{off} {angle}");
+    let before = listed("with-anchors-whole.vmap");
+    import("with-anchors-b.vmap", &places[..1]);
+    scene
+        .run("map merge with-anchors-a.vmap with-anchors-b.vmap --prefix x/ --no-self-test")
+        .refused(&["same name", "--import"]);
+
+    // In the same coordinate frame: unchanged.
+    scene.run(&format!("map remove with-anchors-whole.vmap {} --no-self-test", names(0..1))).succeeded();
+    scene
+        .run("map compress with-anchors-whole.vmap --ratio 2 --no-self-test -o with-anchors-small.vmap")
+        .succeeded();
+    assert_eq!((&listed("with-anchors-whole.vmap"), &listed("with-anchors-small.vmap")), (&before, &before));
+    scene
+        .run("map compress with-anchors-whole.vmap --ratio 3 --no-self-test -o with-anchors-b.vmap")
+        .refused(&["both have content anchors"]);
+
+    // Replaced by a map in another frame: kept, not used, and carried by common images, or by localizing the old ones.
+    let again = |map: &str| scene.write(map, scene.read("with-anchors-gauge.vmap"));
+    align(scene, "place.vmap", "with-anchors-gauge.vmap", &gauge());
+    scene.write("with-anchors-old.vmap", scene.read("with-anchors-whole.vmap"));
+    again("with-anchors-whole.vmap");
+    scene
+        .run("map remove with-anchors-whole.vmap map-09.png --no-self-test")
+        .refused(&["another coordinate frame", "--carry"]);
+    scene
+        .run("map anchors with-anchors-whole.vmap --import with-anchors-whole.anchors.json")
+        .refused(&["another coordinate frame"]);
+    let stale = scene.read("with-anchors-whole.anchors.json");
+    let run = scene.run("map anchors with-anchors-whole.vmap --carry").succeeded();
+    assert!(run.stderr.contains("images agree"), "{run}");
+    let (off, angle) = errors("with-anchors-whole.vmap", &gauge());
+    assert!(off < POSITION_TOLERANCE && angle < 1.0, "{off} {angle}");
+    scene.run("map anchors with-anchors-whole.vmap --carry").succeeded();
+    scene.write("with-anchors-whole.anchors.json", stale);
+    scene
+        .run("map anchors with-anchors-whole.vmap --carry-from place.vmap")
+        .refused(&["another coordinate frame"]);
+    scene.run("map anchors with-anchors-whole.vmap --carry-from with-anchors-old.vmap").succeeded();
+    let (off, angle) = errors("with-anchors-whole.vmap", &gauge());
+    assert!(off < POSITION_TOLERANCE && angle < 1.0, "{off} {angle}");
+
+    // A far anchor magnifies the uncertainty of the rotation: refused, whatever the images say.
+    import("with-anchors-old.vmap", &[("board", [4000.0, 0.0, 0.0])]);
+    again("with-anchors-new.vmap");
+    let refused = scene
+        .run("map anchors with-anchors-new.vmap --carry-from with-anchors-old.vmap")
+        .refused(&["not to be believed", "an anchor"]);
+    assert!(!scene.path("with-anchors-new.anchors.json").exists(), "{refused}");
+    import("with-anchors-old.vmap", &[]);
+    assert!(!scene.path("with-anchors-old.anchors.json").exists());
+    for (text, words) in [("", "line 1"), ("{\"version\":2,\"anchors\":[]}", "version 2")] {
+        scene.write("anchors.json", text);
+        scene.run("map anchors with-anchors-old.vmap --import anchors.json").refused(&[words]);
+    }
+}

@@ -23,7 +23,7 @@ fn token_is_printed_once_and_stored_as_hash() {
     let file = list(&folder);
     let entry = file.find(&TokenKey::of_token(token.as_bytes())).expect("its line");
     assert!(entry.allows_map("garage") && !entry.allows_map("attic") && !entry.operator);
-    folder.run("token new ops --operator --days 30 --tokens tokens").succeeded();
+    folder.run("token new ops --operator --anchors --days 30 --tokens tokens").succeeded();
 
     let shown = folder.run("token list --tokens tokens").succeeded();
     let listed = folder.run("token list --tokens tokens --json").succeeded();
@@ -34,6 +34,7 @@ fn token_is_printed_once_and_stored_as_hash() {
     }
     let document = listed.json();
     assert_eq!(document["tokens"][1]["operator"], true);
+    assert_eq!([0, 1].map(|i| document["tokens"][i]["anchors"] == true), [false, true]);
     assert_eq!(document["tokens"][1]["expired"], false);
     assert_eq!(document["tokens"][1]["maps"], Value::Null);
 

@@ -46,7 +46,8 @@ impl AnchorPose {
     fn checked(self) -> Result<Self, ContentAnchorError> {
         let length = self.q.iter().map(|c| c * c).sum::<f64>().sqrt();
         // Written so that NaN fails.
-        if !((length - 1.0).abs() <= MAX_LENGTH_ERROR) {
+        let is_rotation = (length - 1.0).abs() <= MAX_LENGTH_ERROR;
+        if !is_rotation {
             return Err(ContentAnchorError::Rotation);
         }
         if !self.t.iter().all(|c| c.abs() <= MAX_COORDINATE) {

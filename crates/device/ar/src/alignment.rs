@@ -27,7 +27,7 @@ use std::collections::VecDeque;
 
 use veiloc_geometry::nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use veiloc_geometry::{CameraFromWorld, Rigid3, frames::World};
-use veiloc_protocol::{Answer, AnswerPose};
+use veiloc_protocol::{Answer, AnswerPose, ContentAnchor, ContentAnchors};
 
 use crate::distances::{self, DistanceRatio, Place};
 use crate::unit::metres_per_unit;
@@ -158,6 +158,18 @@ pub struct Aligned {
     pub contradicting: usize,
 }
 
+/// A content anchor in the AR world.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct PlacedAnchor<'a> {
+    /// The anchor.
+    pub anchor: &'a ContentAnchor,
+    /// Its pose, in the axes and units of the framework.
+    pub world_from_anchor: FrameworkPose,
+    /// Its distance from the camera, metres.
+    pub distance: f64,
+}
+
 /// Answers of one AR session, and the transform that most of them agree on.
 #[derive(Debug, Clone)]
 pub struct Alignment {
@@ -261,6 +273,26 @@ impl Alignment {
         let [x, y, z, w] = map_from_anchor.rotation;
         let map_from_anchor = Rigid3::<World, Anchor>::from_quaternion([w, x, y, z], position)?;
         Some(axes.object_pose(&aligned.ar_from_map.compose(&map_from_anchor)))
+    }
+
+    /// Content anchors of the map (`GET /v1/maps/{map}/anchors`) in the framework's world, the nearest to the camera first. Empty
+    /// before the first trusted answer.
+    pub fn place_anchors<'a>(
+        &self,
+        axes: Axes,
+        anchors: &'a ContentAnchors,
+        cam_from_ar: &CameraFromAr,
+    ) -> Vec<PlacedAnchor<'a>> {
+        let Some(camera) = self.cam_from_map(cam_from_ar).map(|camera| camera.center().coords) else {
+            return Vec::new();
+        };
+        let placed = |(anchor, distance): (&'a ContentAnchor, f64)| {
+            let [w, x, y, z] = anchor.map_from_anchor.q;
+            let pose = FrameworkPose { position: anchor.map_from_anchor.t, rotation: [x, y, z, w] };
+            let world_from_anchor = self.world_from_anchor(axes, &pose)?;
+            Some(PlacedAnchor { anchor, world_from_anchor, distance: distance * self.metres_per_unit })
+        };
+        anchors.nearest(camera.into()).into_iter().filter_map(placed).collect()
     }
 
     /// The pose of the camera in the map, map units, by its pose in the AR world now: between answers, and smoother

@@ -45,7 +45,7 @@ mod unit;
 
 pub use accuracy::Accuracy;
 pub use advice::{Advice, Situation};
-pub use alignment::{Aligned, Alignment, AlignmentOptions, AlignmentState, Update};
+pub use alignment::{Aligned, Alignment, AlignmentOptions, AlignmentState, PlacedAnchor, Update};
 pub use axes::{ArWorld, Axes, AxesError, CameraFromAr, FrameworkPose};
 pub use burst::{Burst, BurstError, BurstOptions, SealedBurst};
 pub use distances::{DistanceRatio, DistanceVerdict};

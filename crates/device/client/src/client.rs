@@ -3,7 +3,10 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use veiloc_protocol::{Answer, MessageId, Pack, Profile, QueryError, RigMessage, SealedQuery};
+use veiloc_protocol::{
+    Answer, ContentAnchor, ContentAnchorError, ContentAnchors, MessageId, Pack, Profile, QueryError,
+    RigMessage, SealedQuery, is_map_name,
+};
 
 use crate::address::{Address, token};
 use crate::cache::{Cache, hash, store};
@@ -16,6 +19,8 @@ const MAX_ANSWER: u64 = 64 << 10;
 /// Content types of a sealed query and its answer, and of the queries of a session.
 const PROTOBUF: &str = "application/x-protobuf";
 const SESSION: &str = "application/octet-stream";
+/// Content type of content anchors.
+const JSON: &str = "application/json";
 
 /// A client of a positioning service. Calls block; several threads may share one client.
 pub struct Client {
@@ -66,7 +71,7 @@ impl Client {
         match (reply.status, cached) {
             (200, cached) => {
                 let bad = |reason| ClientError::BadAnswer { what: T::NAME, reason };
-                check_type(&reply).map_err(bad)?;
+                check_type(&reply, PROTOBUF).map_err(bad)?;
                 let current = T::decode(&reply.body).map_err(|e| bad(printable(&e.to_string())))?;
                 self.check_id(map, &current)?;
                 if let Some((_, cached)) = cached.filter(|(_, cached)| cached.id() != current.id()) {
@@ -148,6 +153,53 @@ impl Client {
         self.post_query(&url, SESSION, &rig.encode(), request)
     }
 
+    /// All content anchors of a map. Sort them by [`ContentAnchors::nearest`]: fetched whole, the list tells the service neither
+    /// where the device is nor which anchor its user looks at.
+    ///
+    /// # Errors
+    /// [`ClientError`]: the map's name, an error response, the network, or an invalid document.
+    pub fn anchors(&self, map: &str) -> Result<ContentAnchors, ClientError> {
+        let url = self.transport.address().of_map(map, "anchors")?;
+        let reply = self.transport.get(&url, None, ContentAnchors::MAX_FILE as u64)?;
+        if reply.status != 200 {
+            return Err(refused(&reply));
+        }
+        let bad = |reason| ClientError::BadAnswer { what: "the list of anchors", reason };
+        check_type(&reply, JSON).map_err(bad)?;
+        ContentAnchors::decode(&reply.body).map_err(|error| bad(error.to_string()))
+    }
+
+    /// Writes a content anchor: a new one, or one that the token owns. The last writer wins. The token needs the permission
+    /// `anchors`.
+    ///
+    /// # Errors
+    /// [`ClientError::Anchor`] for an anchor that no service takes; otherwise as [`Self::anchors`].
+    pub fn put_anchor(&self, map: &str, anchor: &ContentAnchor) -> Result<(), ClientError> {
+        let url = self.anchor_url(map, &anchor.name)?;
+        let body = anchor.encode();
+        // What a service would refuse is not sent.
+        ContentAnchor::decode(&anchor.name, &body).map_err(ClientError::Anchor)?;
+        let headers = [("content-type", JSON.to_owned())];
+        let reply = self.transport.put(&url, JSON, &headers, &body, MAX_ANSWER)?;
+        if matches!(reply.status, 200 | 201) { Ok(()) } else { Err(refused(&reply)) }
+    }
+
+    /// Deletes a content anchor that the token owns.
+    ///
+    /// # Errors
+    /// As [`Self::put_anchor`].
+    pub fn delete_anchor(&self, map: &str, name: &str) -> Result<(), ClientError> {
+        let reply = self.transport.delete(&self.anchor_url(map, name)?, MAX_ANSWER)?;
+        if reply.status == 204 { Ok(()) } else { Err(refused(&reply)) }
+    }
+
+    fn anchor_url(&self, map: &str, name: &str) -> Result<String, ClientError> {
+        if !is_map_name(name) {
+            return Err(ClientError::Anchor(ContentAnchorError::Name));
+        }
+        self.transport.address().of_map(map, &format!("anchors/{name}"))
+    }
+
     fn post_query(
         &self,
         url: &str,
@@ -162,7 +214,7 @@ impl Client {
             return Err(refused(&reply));
         }
         let bad = |reason| ClientError::BadAnswer { what: "the answer", reason };
-        check_type(&reply).map_err(bad)?;
+        check_type(&reply, PROTOBUF).map_err(bad)?;
         let mut answer = Answer::decode(&reply.body).map_err(|e| bad(printable(&e.to_string())))?;
         for doubt in &mut answer.doubts {
             doubt.text = printable(&doubt.text);
@@ -229,13 +281,14 @@ impl fmt::Debug for Client {
     }
 }
 
-/// Whether a reply declares itself as protobuf: the login page of a captive portal does not.
-fn check_type(reply: &Reply) -> Result<(), String> {
+/// Whether a reply declares itself as of this type: the login page of a captive portal does not.
+fn check_type(reply: &Reply, expected: &str) -> Result<(), String> {
     let name = reply.content_type.split(';').next().unwrap_or_default().trim();
-    if name.eq_ignore_ascii_case(PROTOBUF) {
+    if name.eq_ignore_ascii_case(expected) {
         return Ok(());
     }
-    Err(format!("it is {:?}, not protobuf; perhaps another service answered", printable(name)))
+    let form = if expected == JSON { "JSON" } else { "protobuf" };
+    Err(format!("it is {:?}, not {form}; perhaps another service answered", printable(name)))
 }
 
 fn refused(reply: &Reply) -> ClientError {

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use veiloc_obfuscation::SealError;
-use veiloc_protocol::{MessageId, QueryError, RigMessage, SeparateAnchors, UnbalancedAnchors};
+use veiloc_protocol::{
+    ContentAnchorError, MessageId, QueryError, RigMessage, SeparateAnchors, UnbalancedAnchors,
+};
 
 use crate::Refusal;
 
@@ -41,6 +43,9 @@ pub enum ClientError {
         /// The given name.
         name: String,
     },
+    /// Not a content anchor. Nothing was sent.
+    #[error(transparent)]
+    Anchor(ContentAnchorError),
     /// Too few rows on one side of the dividing line. The query was not sent, so another image may be taken.
     #[error(transparent)]
     UnbalancedAnchors(#[from] UnbalancedAnchors),

@@ -6,6 +6,7 @@
 //! - [`Client`]: a client of a service. [`Client::profile`] fetches what is needed to seal for a map (and stores it in
 //!   [`ClientOptions::cache`]), [`Client::localize`] sends a query, [`Client::localize_rig`] sends several images of
 //!   one device, [`Client::localize_progressive`] sends rows only until the pose is trusted.
+//! - [`Client::anchors`], [`Client::put_anchor`]: content that stays at its place in a map ([`ContentAnchors`]).
 //! - [`Sealer`]: from an image and its camera to the sealed query; [`Image::without`] hides what a [`Mask`] marks.
 //! - [`SessionFile`]: several images of one scene, sealed so that their lines do not cross in the keypoints.
 //! - [`ClientError`]: errors grouped by what an app does about them: busy, not localized, a map that was replaced, an
@@ -98,7 +99,7 @@ pub use veiloc_obfuscation::{
     SessionAnchors, SessionOptions, SessionSealer, device_rng,
 };
 pub use veiloc_protocol::{
-    Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, CoarseGravity, FocalKnowledge, Pack,
-    PositionHint, Profile, RigMessage, Scheme, SealedFrame, SealedIn, SealedQuery, SeparateAnchors,
-    SessionTag, StopCriterion,
+    AnchorPose, Answer, AnswerDocument, AnswerFit, AnswerPose, AnswerState, CoarseGravity, ContentAnchor,
+    ContentAnchorError, ContentAnchors, FocalKnowledge, Pack, PositionHint, Profile, RigMessage, Scheme,
+    SealedFrame, SealedIn, SealedQuery, SeparateAnchors, SessionTag, StopCriterion,
 };

@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use ureq::http::Response;
 use ureq::tls::{PemItem, RootCerts, TlsConfig, parse_pem};
-use ureq::{Agent, Body};
+use ureq::typestate::WithBody;
+use ureq::{Agent, Body, RequestBuilder};
 
 use crate::address::Address;
 use crate::refusal::{Refusal, printable};
@@ -74,10 +75,7 @@ impl Transport {
     /// Sends a GET request; `known` goes into `If-None-Match`.
     pub(crate) fn get(&self, url: &str, known: Option<&str>, limit: u64) -> Result<Reply, ClientError> {
         self.send_with_retries(limit, || {
-            let mut request = self.agent.get(url);
-            if let Some(authorization) = &self.authorization {
-                request = request.header("authorization", authorization);
-            }
+            let mut request = self.authorized(self.agent.get(url));
             if let Some(tag) = known {
                 request = request.header("if-none-match", tag);
             }
@@ -94,16 +92,45 @@ impl Transport {
         body: &[u8],
         limit: u64,
     ) -> Result<Reply, ClientError> {
-        self.send_with_retries(limit, || {
-            let mut request = self.agent.post(url);
-            if let Some(authorization) = &self.authorization {
-                request = request.header("authorization", authorization);
-            }
-            for (name, value) in headers {
-                request = request.header(*name, value);
-            }
-            request.header("accept", accept).send(body)
-        })
+        self.send_with_retries(limit, || self.with_body(self.agent.post(url), accept, headers, body))
+    }
+
+    /// The same with the method PUT.
+    pub(crate) fn put(
+        &self,
+        url: &str,
+        accept: &str,
+        headers: &[(&str, String)],
+        body: &[u8],
+        limit: u64,
+    ) -> Result<Reply, ClientError> {
+        self.send_with_retries(limit, || self.with_body(self.agent.put(url), accept, headers, body))
+    }
+
+    /// Sends a DELETE request.
+    pub(crate) fn delete(&self, url: &str, limit: u64) -> Result<Reply, ClientError> {
+        self.send_with_retries(limit, || self.authorized(self.agent.delete(url)).call())
+    }
+
+    fn with_body(
+        &self,
+        request: RequestBuilder<WithBody>,
+        accept: &str,
+        headers: &[(&str, String)],
+        body: &[u8],
+    ) -> Result<Response<Body>, ureq::Error> {
+        let mut request = self.authorized(request).header("accept", accept);
+        for (name, value) in headers {
+            request = request.header(*name, value);
+        }
+        request.send(body)
+    }
+
+    fn authorized<T>(&self, request: RequestBuilder<T>) -> RequestBuilder<T> {
+        match &self.authorization {
+            Some(authorization) => request.header("authorization", authorization),
+            None => request,
+        }
     }
 
     fn send_with_retries(

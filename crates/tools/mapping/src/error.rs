@@ -21,6 +21,9 @@ const LOOKED_FOR: &str = "looked for: a COLMAP model (cameras and images, also i
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum MappingError {
+    /// Content anchors cannot be carried.
+    #[error(transparent)]
+    Anchors(#[from] veiloc_protocol::ContentAnchorError),
     /// The list has no image.
     #[error("the list of images is empty; name at least one")]
     EmptyList,

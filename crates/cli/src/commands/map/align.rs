@@ -25,7 +25,7 @@ use crate::output::ui::Ui;
 /// show it; up to half of them may be wrong, and the distance of each one is printed. The ± of scale, up, north and position are
 /// printed and kept in the map, and GeoPoses include them. A fit that is not to be believed is refused with the reasons. With GPS,
 /// the new coordinate frame is east, north, up in metres about the first image with GPS. The map tests itself again at the end,
-/// because the calibration of its answers has lengths.
+/// because the calibration of its answers has lengths. Content anchors beside the map move with it.
 #[derive(clap::Args)]
 #[command(group = clap::ArgGroup::new("target").required(true))]
 pub(crate) struct AlignArgs {
@@ -102,7 +102,7 @@ pub(super) fn run(args: &AlignArgs, ui: &Ui) -> Outcome {
     model.alignment = accuracy;
     let mut warnings = Vec::new();
     args.finish.finish(&mut model, &mut warnings, edit.out, ui)?;
-    edit.write(&model)?;
+    edit.write_with(&model, |anchors| Ok(align::carry_anchors(anchors, &similarity)?))?;
     alignment.print(unit_of(is_metric), ui);
     InfoOutput { json: args.json, warnings, alignment: Some(alignment), ..InfoOutput::default() }
         .print(edit.out, ui)

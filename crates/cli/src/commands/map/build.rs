@@ -8,6 +8,7 @@ use veiloc_mapping::build_cache::FolderCache;
 use veiloc_mapping::importers::hloc::{check_pair_name, read_pairs, write_pairs};
 
 use super::coordinate_frame::CoordinateFrameArgs;
+use super::edit::warn_of_anchors;
 use super::facts::InfoOutput;
 use super::output_args::OutputArgs;
 use super::posed_args::{PosedArgs, PosedInput};
@@ -129,6 +130,7 @@ fn build_one(args: &BuildArgs, posed_input: &PosedInput<'_>, out: &Path, ui: &Ui
     model.is_metric = args.written.metres || posed_input.is_metric;
     args.finish.finish(&mut model, &mut report.warnings, out, ui)?;
     veiloc_map::write(&model, out)?;
+    warn_of_anchors(out, &model, ui);
     let output = InfoOutput {
         json: args.written.json,
         skipped: report.skipped,

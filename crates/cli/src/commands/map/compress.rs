@@ -6,6 +6,7 @@ use veiloc_map::{MapFile, MapModel};
 use veiloc_mapping::calibration::{SelfTestOptions, is_testable, self_test_compressed, smallest_within};
 use veiloc_mapping::{CompressOptions, CompressedMap, compress};
 
+use super::edit::{check_anchors, write_with_anchors};
 use super::facts::InfoOutput;
 use super::self_test::FinishArgs;
 use crate::output::exit::{Failure, Outcome};
@@ -50,6 +51,7 @@ pub(super) fn run(args: &CompressArgs, ui: &Ui) -> Outcome {
     let whole = file.to_model();
     let bytes = args.bytes(file.byte_count())?;
     drop(file);
+    check_anchors(&args.map, &args.out, &whole)?;
     let options = CompressOptions::new(bytes).with_descriptors(args.descriptors as usize);
     let stages = Stages::new(ui);
     let small = match args.recall_loss {
@@ -64,7 +66,8 @@ pub(super) fn run(args: &CompressArgs, ui: &Ui) -> Outcome {
         Some(points) => args.smallest(&whole, points, &options, &stages)?,
     };
     args.finish.check_compressed(&whole, &small.model, &args.out, ui)?;
-    veiloc_map::write(&small.model, &args.out)?;
+    let write = || veiloc_map::write(&small.model, &args.out);
+    write_with_anchors(&args.map, &args.out, &small.model, |_| Ok(()), write)?;
     InfoOutput { json: args.json, ..InfoOutput::default() }.print(&args.out, ui)
 }
 

@@ -6,6 +6,7 @@ use veiloc_map::PosedImages;
 use veiloc_map::colmap::read_model;
 use veiloc_mapping::{Input, MappingError};
 
+use super::edit::warn_of_anchors;
 use super::facts::InfoOutput;
 use super::output_args::OutputArgs;
 use super::posed_args::BadImageArgs;
@@ -59,6 +60,7 @@ pub(super) fn run(args: &ImportArgs, ui: &Ui) -> Outcome {
     ui.info(&report);
     args.finish.finish(&mut model, &mut report.warnings, &args.written.out, ui)?;
     veiloc_map::write(&model, &args.written.out)?;
+    warn_of_anchors(&args.written.out, &model, ui);
     let output = InfoOutput {
         json: args.written.json,
         coordinate_frame: report.coordinate_frame,

@@ -2,11 +2,12 @@
 
 use std::path::PathBuf;
 
-use veiloc_map::MapFile;
-use veiloc_mapping::{MapWarning, merge};
+use veiloc_map::{MapFile, read_anchors};
+use veiloc_mapping::{MapWarning, align, merge};
+use veiloc_protocol::ContentAnchors;
 
 use super::alignment::AlignmentInfo;
-use super::edit::MapEdit;
+use super::edit::{MapEdit, other_frame};
 use super::facts::InfoOutput;
 use super::remedy::with_remedy;
 use super::self_test::FinishArgs;
@@ -23,6 +24,7 @@ use crate::output::ui::Ui;
 /// of both see them. The features stored in the maps are used; no image is read. The profile of the first map stays.
 /// Then the same is done in the other direction. If the two transforms differ by more than 2 % of the distance to the scene, or
 /// too few images are localized in the other direction, the maps are not merged: the ± of poses would not include that error.
+/// Content anchors of the second map join those of the first, moved by the same transform; their names must differ.
 #[derive(clap::Args)]
 pub(crate) struct MergeArgs {
     /// The map whose coordinate frame and profile stay.
@@ -49,6 +51,12 @@ pub(super) fn run(args: &MergeArgs, ui: &Ui) -> Outcome {
     let edit = MapEdit::begin(&args.map, args.out.as_deref(), ui)?;
     let mut model = edit.read()?;
     let other = MapFile::open(&args.other)?.to_model();
+    let others = read_anchors(&args.other)?;
+    if !others.is_of_frame(other.frame_images()) {
+        return Err(other_frame(&args.other));
+    }
+    // Before minutes of work: names that both maps have, or too many.
+    join(&mut read_anchors(&args.map)?, &others)?;
     let mut report = merge(&mut model, &other, &args.prefix, &Stages::new(ui)).map_err(with_remedy)?;
     let loose = report.build.warnings.iter().find(|warning| matches!(warning, MapWarning::LooseMerge { .. }));
     if let Some(loose) = loose.filter(|_| !args.keep_loose) {
@@ -65,7 +73,13 @@ pub(super) fn run(args: &MergeArgs, ui: &Ui) -> Outcome {
         ));
     }
     args.finish.finish(&mut model, &mut report.build.warnings, edit.out, ui)?;
-    edit.write(&model)?;
+    let similarity = report.coordinate_frame.map_from_given;
+    edit.write_with(&model, |anchors| {
+        // Again: a service may have written some meanwhile.
+        let mut others = read_anchors(&args.other)?;
+        align::carry_anchors(&mut others, &similarity)?;
+        join(anchors, &others)
+    })?;
     ui.info(format_args!("{}: {}", args.other.display(), report.coordinate_frame));
     if let (Some(inverse), Some(closure)) = (&report.inverse, report.closure) {
         ui.info(format_args!(
@@ -82,4 +96,14 @@ pub(super) fn run(args: &MergeArgs, ui: &Ui) -> Outcome {
         ..InfoOutput::default()
     };
     output.print(edit.out, ui)
+}
+
+/// Adds the content anchors of the second map.
+fn join(anchors: &mut ContentAnchors, others: &ContentAnchors) -> Result<(), Failure> {
+    anchors.extend(others.anchors()).map_err(|error| {
+        Failure::with_help(
+            format!("content anchors of both maps: {error}"),
+            "list them with `veiloc map anchors MAP --json`, and write them changed with --import",
+        )
+    })
 }

@@ -3,7 +3,7 @@
 use veiloc_ar::{Alignment, AlignmentOptions, AlignmentState, Axes, DistanceVerdict, FrameworkPose, Update};
 use veiloc_geometry::nalgebra::{Matrix6, Rotation3, Vector3, Vector6};
 use veiloc_geometry::{CameraFromWorld, Rigid3};
-use veiloc_protocol::{Answer, MapCoordinates};
+use veiloc_protocol::{AnchorPose, Answer, ContentAnchor, ContentAnchors, MapCoordinates};
 
 use crate::walk::{Walk, answer};
 
@@ -66,6 +66,38 @@ fn anchor_is_where_the_camera_sees_it() {
                 "{axes} {placed:?} {expected:?}"
             );
         }
+    }
+}
+
+/// The nearest first, and each where its known place is; distances in metres although the map is in centimetres.
+#[test]
+fn content_anchors_are_placed_by_their_distance() {
+    let walk = Walk::new(3, 0.0, 2);
+    let mut alignment = Alignment::new(AlignmentOptions::default().with_metres_per_unit(0.01));
+    let (camera, places) = (&walk.frames[2], [("far", 7.0), ("near", 0.5), ("behind", -3.0)]);
+    let mut anchors = ContentAnchors::default();
+    for (name, depth) in places {
+        let in_map = camera.cam_from_map.inverse();
+        let at = in_map.rotation() * Vector3::new(0.0, 0.0, depth) + in_map.translation();
+        let map_from_anchor = AnchorPose { q: in_map.quaternion(), t: (at * 100.0).into() };
+        let anchor =
+            ContentAnchor { name: name.to_owned(), map_from_anchor, content: depth.into(), owner: None };
+        anchors.set(anchor).expect("valid");
+    }
+    assert!(alignment.place_anchors(Axes::OpenGl, &anchors, &camera.cam_from_ar).is_empty(), "no answer yet");
+    for frame in &walk.frames {
+        let in_cm =
+            CameraFromWorld::new(*frame.cam_from_map.rotation(), frame.cam_from_map.translation() * 100.0);
+        alignment.add(&answer(&in_cm, true), &frame.cam_from_ar);
+    }
+    let placed = alignment.place_anchors(Axes::OpenGl, &anchors, &camera.cam_from_ar);
+    let names: Vec<&str> = placed.iter().map(|placed| placed.anchor.name.as_str()).collect();
+    assert_eq!(names, ["near", "behind", "far"]);
+    let ar_from_cam = camera.cam_from_ar.inverse();
+    for (placed, depth) in placed.iter().zip([0.5, -3.0, 7.0]) {
+        let expected = ar_from_cam.rotation() * Vector3::new(0.0, 0.0, depth) + ar_from_cam.translation();
+        assert!((Vector3::from(placed.world_from_anchor.position) - expected).norm() < 1e-9, "{placed:?}");
+        assert!((placed.distance - depth.abs()).abs() < 1e-9, "{placed:?}");
     }
 }
 

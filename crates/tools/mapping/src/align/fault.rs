@@ -72,6 +72,13 @@ pub enum AlignmentFault {
         /// Distance of their middles, new units.
         apart: f64,
     },
+    /// An anchor would be in a place that is hardly known.
+    Anchor {
+        /// Its ±, the root mean square distance, map units.
+        sd: f64,
+        /// How far away what the images see is, map units.
+        scale: f64,
+    },
     /// What the images see is at a distance at which nothing can be seen, if the new unit is the metre.
     Metres {
         /// Median distance, metres.
@@ -138,6 +145,10 @@ impl fmt::Display for AlignmentFault {
             Self::Heights { apart } => write!(
                 f,
                 "the heights are of two kinds, {apart:.1} apart, such as over the sea and over the ground; give one kind"
+            ),
+            Self::Anchor { sd, scale } => write!(
+                f,
+                "an anchor would be known to ± {sd:.3} only, and what the images see is {scale:.3} away"
             ),
             Self::Metres { distance } if *distance < 1.0 => write!(
                 f,

@@ -5,8 +5,10 @@
 //! - [`read_positions`]: such positions from a file. [`gps_positions`]: from GPS in the EXIF of the images.
 //! - [`align_to_map`]: the similarity to another map of the same place, by localizing this map's images in it.
 //! - [`up_of_images`]: the up direction that the images show. [`level`]: the rotation that makes it `z`.
-//! - [`transform`]: applies a similarity to a map.
+//! - [`transform`]: applies a similarity to a map. [`carry_anchors`]: the same for its content anchors; [`anchors_by_images`] and
+//!   [`anchors_by_localizing`] find it for a map that replaces theirs.
 
+mod anchors;
 mod fault;
 mod fit;
 mod gps;
@@ -18,6 +20,7 @@ use veiloc_geometry::nalgebra::{Rotation3, Vector3};
 use veiloc_geometry::rotation_to_z;
 use veiloc_map::{AlignmentAccuracy, GravityDirection, MapModel};
 
+pub use self::anchors::{AnchorTransform, anchors_by_images, anchors_by_localizing, carry_anchors};
 use self::fault::Judge;
 pub use self::fault::{AlignmentFault, implausible_metres};
 use self::fit::{Errors, Fit, Pair, fit, residual};

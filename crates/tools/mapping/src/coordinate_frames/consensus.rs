@@ -111,6 +111,15 @@ pub(crate) fn compare(comparisons: &[Comparison], scale: f64) -> Comparisons {
     result
 }
 
+/// The coordinate frame on which most of the images agree, however near it is to the map's; `None` unless they are more than half
+/// of those that were compared, and three.
+pub(crate) fn most_agree(comparisons: &[Comparison]) -> Option<FoundCoordinateFrame> {
+    let all: Vec<usize> = (0..comparisons.len()).collect();
+    let (found, members) = largest_consensus(comparisons, &all)?;
+    let enough = members.len() >= MIN_MEMBERS && 2 * members.len() > comparisons.len();
+    enough.then(|| frame_of(comparisons, members, found))
+}
+
 /// Whether the frame differs from the map's by much more than the uncertainty and by a relevant amount.
 fn is_other_coordinate_frame(comparisons: &[Comparison], frame: &FoundCoordinateFrame, scale: f64) -> bool {
     let identity = Similarity3::identity();

@@ -25,7 +25,7 @@ use veiloc_protocol::Scheme;
 pub use self::similarity::Similarity3;
 
 pub(crate) use self::consensus::median;
-use self::consensus::{Comparison, FoundCoordinateFrame, compare};
+use self::consensus::{Comparison, FoundCoordinateFrame, compare, most_agree};
 use self::groups::weakly_linked;
 use crate::calibration::query::{sealed, sealer_for, stored_features};
 use crate::calibration::run::{evenly_spaced, scale};
@@ -53,6 +53,20 @@ pub struct OtherCoordinateFrame {
     /// Standard deviation of the scale of the transform; `None` if the camera centres are too few or too close to
     /// determine the scale, which is then 1.
     pub scale_sd: Option<f64>,
+}
+
+impl OtherCoordinateFrame {
+    fn of(found: &FoundCoordinateFrame, model: &MapModel, images: &[usize]) -> Self {
+        Self {
+            names: images.iter().map(|image| model.images[*image].name.clone()).collect(),
+            localized: found.members.len(),
+            map_from_given: found.fit.map_from_given,
+            distance: found.distance,
+            distance_sd: found.distance_sd,
+            angle_sd_deg: found.fit.rotation_sd_deg,
+            scale_sd: found.fit.scale_sd,
+        }
+    }
 }
 
 impl fmt::Display for OtherCoordinateFrame {
@@ -120,15 +134,15 @@ impl ReferenceMap {
         Ok(Some(Self { file: MapFile::of_model(model)?, scale: scale(model) }))
     }
 
-    /// Localizes up to `limit` of these images of `model`, evenly spaced, and compares the poses. The images have
-    /// features, and may lack points. Returns the report, and the groups in another coordinate frame with their images.
-    pub(crate) fn compare(
+    /// Localizes up to `limit` of these images of `model`, evenly spaced. The images have features, and may lack points. Returns
+    /// how many were tested, and those that were localized.
+    fn localized(
         &self,
         model: &MapModel,
         images: &[usize],
         limit: usize,
         progress: &dyn Progress,
-    ) -> (CoordinateFrameReport, Vec<Group>) {
+    ) -> (usize, Vec<Comparison>) {
         let tested: Vec<usize> = evenly_spaced(images.len(), limit).into_iter().map(|i| images[i]).collect();
         progress.start("Comparing coordinate frames", tested.len());
         let localized = tested.par_iter().map(|image| {
@@ -138,11 +152,24 @@ impl ReferenceMap {
         });
         let comparisons: Vec<Comparison> = localized.collect::<Vec<_>>().into_iter().flatten().collect();
         progress.finish();
+        (tested.len(), comparisons)
+    }
+
+    /// Localizes images as [`Self::localized`], and compares the poses. Returns the report, and the groups in another coordinate
+    /// frame with their images.
+    pub(crate) fn compare(
+        &self,
+        model: &MapModel,
+        images: &[usize],
+        limit: usize,
+        progress: &dyn Progress,
+    ) -> (CoordinateFrameReport, Vec<Group>) {
+        let (tested, comparisons) = self.localized(model, images, limit, progress);
         let compared = compare(&comparisons, self.scale);
         let name = |index: &usize| model.images[comparisons[*index].image].name.clone();
         let distances = compared.agreeing.iter().map(|i| comparisons[*i].distance());
         let report = CoordinateFrameReport {
-            tested: tested.len(),
+            tested,
             localized: comparisons.len(),
             median_distance: median(distances.collect()),
             disagreeing: compared.disagreeing.iter().map(name).collect(),
@@ -153,15 +180,7 @@ impl ReferenceMap {
         let other = |(index, found): (usize, &FoundCoordinateFrame)| {
             let own = images.iter().zip(&group_of).filter(|(_, group)| **group == Some(index));
             let own: Vec<usize> = own.map(|(image, _)| *image).collect();
-            let frame = OtherCoordinateFrame {
-                names: own.iter().map(|image| model.images[*image].name.clone()).collect(),
-                localized: found.members.len(),
-                map_from_given: found.fit.map_from_given,
-                distance: found.distance,
-                distance_sd: found.distance_sd,
-                angle_sd_deg: found.fit.rotation_sd_deg,
-                scale_sd: found.fit.scale_sd,
-            };
+            let frame = OtherCoordinateFrame::of(found, model, &own);
             Group { images: own, coordinate_frame: frame }
         };
         (report, compared.frames.iter().enumerate().map(other).collect())
@@ -287,28 +306,13 @@ pub(crate) fn common_coordinate_frame(
     progress: &dyn Progress,
 ) -> Result<OtherCoordinateFrame, MappingError> {
     let refuse = |reason: String| Err(MappingError::Alignment { reason });
-    let kinds = [model, reference].map(|map| map.profile.descriptor_kind());
-    if kinds[0] != kinds[1] {
-        let [own, other] = kinds.map(|kind| kind.name().to_owned());
-        return refuse(format!(
-            "one map has features {own}, the other {other}; build both with the same --features"
-        ));
-    }
-    let Some(in_reference) = ReferenceMap::of(reference)? else {
-        return refuse("nothing can be localized in the other map: it has no points".to_owned());
-    };
-    // Queries are sealed for the other map.
-    let queries = MapModel { profile: reference.profile.clone(), ..model.clone() };
-    let images: Vec<usize> = (0..queries.images.len()).collect();
+    let (in_reference, queries, images) = opened(model, reference)?;
     let (report, groups) = in_reference.compare(&queries, &images, limit, progress);
     let CoordinateFrameReport { tested, localized, .. } = report;
     let of_groups: usize = groups.iter().map(|group| group.coordinate_frame.localized).sum();
     let same = localized.saturating_sub(of_groups + report.disagreeing.len());
     if localized < MIN_GROUP {
-        return refuse(format!(
-            "{localized} of {tested} images of the one map are localized in the other, and {MIN_GROUP} are needed; the maps \
-             must show a common part"
-        ));
+        return refuse(too_few(localized, tested));
     }
     let identity = OtherCoordinateFrame {
         names: queries.images.iter().map(|image| image.name.clone()).collect(),
@@ -332,6 +336,59 @@ pub(crate) fn common_coordinate_frame(
             ))
         }
     }
+}
+
+/// The similarity from the coordinate frame of a map to that of another map, as [`common_coordinate_frame`], also if it is so near to
+/// the identity that images of both may be in one map: content that moves by it keeps less error.
+///
+/// # Errors
+/// As [`common_coordinate_frame`].
+pub(crate) fn similarity_between(
+    model: &MapModel,
+    reference: &MapModel,
+    limit: usize,
+    progress: &dyn Progress,
+) -> Result<OtherCoordinateFrame, MappingError> {
+    let (in_reference, queries, images) = opened(model, reference)?;
+    let (tested, comparisons) = in_reference.localized(&queries, &images, limit, progress);
+    let localized = comparisons.len();
+    let found = most_agree(&comparisons).ok_or_else(|| {
+        let reason = if localized < MIN_GROUP {
+            too_few(localized, tested)
+        } else {
+            format!("{localized} of {tested} images of the one map are localized in the other, but less than half agree")
+        };
+        MappingError::Alignment { reason }
+    })?;
+    Ok(OtherCoordinateFrame::of(&found, &queries, &images))
+}
+
+/// The other map, and the images of a map as queries that are sealed for it.
+fn opened(
+    model: &MapModel,
+    reference: &MapModel,
+) -> Result<(ReferenceMap, MapModel, Vec<usize>), MappingError> {
+    let refuse = |reason: String| Err(MappingError::Alignment { reason });
+    let kinds = [model, reference].map(|map| map.profile.descriptor_kind());
+    if kinds[0] != kinds[1] {
+        let [own, other] = kinds.map(|kind| kind.name().to_owned());
+        return refuse(format!(
+            "one map has features {own}, the other {other}; build both with the same --features"
+        ));
+    }
+    let Some(in_reference) = ReferenceMap::of(reference)? else {
+        return refuse("nothing can be localized in the other map: it has no points".to_owned());
+    };
+    let queries = MapModel { profile: reference.profile.clone(), ..model.clone() };
+    let images = (0..queries.images.len()).collect();
+    Ok((in_reference, queries, images))
+}
+
+fn too_few(localized: usize, tested: usize) -> String {
+    format!(
+        "{localized} of {tested} images of the one map are localized in the other, and {MIN_GROUP} are needed; the maps must \
+         show a common part"
+    )
 }
 
 /// Maximum number of localized images of those that are added: as in a self-test.

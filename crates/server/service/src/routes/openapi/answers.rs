@@ -32,8 +32,8 @@ const REFUSALS: [(u16, &str); 15] = [
     (504, "No pose in time; send the same bytes again later"),
 ];
 
-/// Refusals of an address.
-fn refusals_of(path: &str) -> &'static [u16] {
+/// Refusals of an operation.
+fn refusals_of(path: &str, method: &Method) -> &'static [u16] {
     match path {
         "/v1/maps/{name}/localize"
         | "/v1/maps/{name}/localize-rig"
@@ -42,7 +42,13 @@ fn refusals_of(path: &str) -> &'static [u16] {
         | "/geopose" => &[400, 401, 404, 405, 408, 409, 413, 415, 422, 429, 500, 503, 504],
         "/v1/maps/{name}/profile" | "/v1/maps/{name}/pack" => &[401, 404, 405, 429, 503],
         "/v1/maps/{name}/anchors" => &[401, 404, 405, 429, 500, 503],
-        "/v1/maps/{name}/anchors/{anchor}" => &[400, 401, 403, 404, 405, 408, 409, 412, 415, 429, 500, 503],
+        "/v1/maps/{name}/anchors/{anchor}" if *method == Method::PUT => {
+            &[400, 401, 403, 404, 405, 408, 409, 412, 415, 429, 500, 503]
+        }
+        "/v1/maps/{name}/anchors/{anchor}" if *method == Method::DELETE => {
+            &[400, 401, 403, 404, 405, 412, 429, 500, 503]
+        }
+        "/v1/maps/{name}/anchors/{anchor}" => &[401, 404, 405, 429, 500, 503],
         "/v1/maps" => &[401, 405, 429, 500, 503],
         "/metrics" => &[401, 403, 405, 503],
         _ => &[405],
@@ -56,7 +62,7 @@ impl Modify for Answers {
     fn modify(&self, document: &mut OpenApi) {
         for (path, item) in &mut document.paths.paths {
             for (method, operation) in operations(item) {
-                for status in refusals_of(path) {
+                for status in refusals_of(path, &method) {
                     let described = REFUSALS.iter().find(|(known, _)| known == status);
                     let description = described.map_or("", |(_, description)| description);
                     let known = operation.responses.responses.entry(status.to_string());
@@ -130,7 +136,7 @@ mod tests {
             let kinds = query_outcomes();
             let counted =
                 kinds.iter().filter(|kind| kind.route == route && kind.status >= 400).map(|kind| kind.status);
-            assert_eq!(counted.collect::<BTreeSet<_>>(), refusals_of(route).iter().copied().collect());
+            assert_eq!(counted.collect::<BTreeSet<_>>(), refusals_of(route, &Method::POST).iter().copied().collect());
         }
         let described = |status: &u16| REFUSALS.iter().any(|(known, _)| known == status);
         let paths = [
@@ -141,6 +147,6 @@ mod tests {
             "/metrics",
             "/healthz",
         ];
-        assert!(paths.iter().flat_map(|path| refusals_of(path)).all(described));
+        assert!(paths.iter().flat_map(|path| refusals_of(path, &Method::PUT)).all(described));
     }
 }

@@ -11,7 +11,9 @@ import org.veiloc.Axes
 import org.veiloc.Burst
 import org.veiloc.Camera
 import org.veiloc.CameraPose
+import org.veiloc.ContentAnchors
 import org.veiloc.FrameLayout
+import org.veiloc.PlacedAnchor
 import org.veiloc.Pose
 import org.veiloc.Profile
 import org.veiloc.SealedBurst
@@ -66,6 +68,10 @@ class Localizer(private val server: String, private val map: String, private val
 
     /** Where content that is placed in the map is in ARCore's world; null before the first trusted answer. */
     fun worldFromAnchor(mapFromAnchor: Pose): Pose? = alignment.worldFromAnchor(Axes.OPEN_GL, mapFromAnchor)
+
+    /** The content anchors of the map in ARCore's world, the nearest first; none before the first trusted answer. */
+    fun anchors(camera: CameraPose): List<PlacedAnchor> =
+        ContentAnchors(request("anchors", null).second).use { it.place(alignment, camera) }
 
     private fun words(sealed: SealedBurst?, answer: Answer?): String = adviceText(advice(sealed?.newest(), answer, misses = misses))
 
