@@ -355,8 +355,8 @@ def anchors(run):
         def carried(what, file, moved, *how):
             done = subprocess.run([run.veiloc, "map", "anchors", file, *map(str, how)], capture_output=True, text=True)
             if done.returncode:
-                reason = re.sub(r"[│×\s]+", " ", done.stderr.split("believed:")[-1])
-                table.add([place, f"{what}: refused", reason.strip()[:200], *[""] * 6])
+                reason = re.sub(r"[│\s]+", " ", done.stderr.split("×")[-1].split("help:")[0].split("believed: ")[-1])
+                table.add([place, f"{what}: refused, {reason.strip()}", *[""] * 7])
                 return
             agree = re.search(r"(\d+) images agree", done.stderr).group(1)
             row(what, file, moved, agree, [float(x) for x in re.findall(r"± (\S+)  \d", done.stderr)])

@@ -368,7 +368,7 @@ fn content_anchors_stay_with_their_map() {
     scene.run("map anchors with-anchors-whole.vmap --carry").succeeded();
     scene.write("with-anchors-whole.anchors.json", stale);
     scene
-        .run("map anchors with-anchors-whole.vmap --carry-from place.vmap")
+        .run("map anchors with-anchors-whole.vmap --carry-from with-anchors-gauge.vmap")
         .refused(&["another coordinate frame"]);
     scene.run("map anchors with-anchors-whole.vmap --carry-from with-anchors-old.vmap").succeeded();
     let (off, angle) = errors("with-anchors-whole.vmap", &gauge());
