@@ -59,7 +59,7 @@ typedef enum VeilocStatus {
   VEILOC_STATUS_TURNED_AWAY = 8,
   // The frame cannot be sealed as the profile and the options ask.
   VEILOC_STATUS_SEAL = 9,
-  // The bytes are not an answer of this version.
+  // The bytes are not an answer, or content anchors, of this version.
   VEILOC_STATUS_ANSWER = 10,
   // There is no trusted answer yet.
   VEILOC_STATUS_NOT_ALIGNED = 11,
@@ -165,6 +165,9 @@ typedef enum VeilocPackUse {
 // Answers of one AR session, and the transform that most of them agree on.
 typedef struct VeilocAlignment VeilocAlignment;
 
+// The content anchors of a map, and where they are in the AR world.
+typedef struct VeilocAnchors VeilocAnchors;
+
 // An answer: where a frame was taken.
 typedef struct VeilocAnswer VeilocAnswer;
 
@@ -242,6 +245,18 @@ typedef struct VeilocAccuracy {
   // Rotation about the vertical, degrees.
   double yaw_deg;
 } VeilocAccuracy;
+
+// A content anchor in the AR world. Its texts are valid until the anchors are placed again or freed.
+typedef struct VeilocPlacedAnchor {
+  // Its name.
+  const char *name;
+  // Its content, JSON in UTF-8.
+  const char *content;
+  // Its pose, in the axes and units of the framework.
+  struct VeilocPose world_from_anchor;
+  // Its distance from the camera, metres.
+  double distance;
+} VeilocPlacedAnchor;
 
 // The numbers of an answer.
 typedef struct VeilocAnswerInfo {
@@ -440,6 +455,25 @@ void veiloc_alignment_reset(struct VeilocAlignment *alignment);
 
 // Frees an alignment.
 void veiloc_alignment_free(struct VeilocAlignment *alignment);
+
+// Reads content anchors: the body of status 200. `VEILOC_STATUS_ANSWER` for anything else.
+enum VeilocStatus veiloc_anchors_new(const uint8_t *bytes, size_t length, struct VeilocAnchors **out);
+
+// Places the anchors in the AR world, the nearest to the camera first: again after each answer. `count` gets how many there are,
+// for `veiloc_anchors_get`; none before the first trusted answer.
+enum VeilocStatus veiloc_anchors_place(struct VeilocAnchors *anchors,
+                                       const struct VeilocAlignment *alignment,
+                                       uint32_t pose_axes,
+                                       const struct VeilocPose *camera_in_world,
+                                       size_t *count);
+
+// One of the placed anchors; 0 is the nearest.
+enum VeilocStatus veiloc_anchors_get(const struct VeilocAnchors *anchors,
+                                     size_t index,
+                                     struct VeilocPlacedAnchor *out);
+
+// Frees anchors.
+void veiloc_anchors_free(struct VeilocAnchors *anchors);
 
 // Reads an answer: the body of status 200 to a request with `accept: application/x-protobuf`.
 enum VeilocStatus veiloc_answer_new(const uint8_t *bytes, size_t length, struct VeilocAnswer **out);

@@ -15,7 +15,7 @@ pub(super) struct Shape {
 
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Kind {
-    /// `string`, `number`, `integer` or `boolean`.
+    /// `string`, `number`, `integer`, `boolean` or `any`.
     Scalar(String),
     Object(Vec<Field>),
     /// The length if it is fixed.
@@ -51,6 +51,7 @@ impl Shape {
         let types: Vec<&str> = match &schema["type"] {
             Value::String(one) => vec![one],
             Value::Array(several) => several.iter().filter_map(Value::as_str).collect(),
+            _ if schema["const"].is_null() && schema["enum"].is_null() => vec!["any"],
             _ => vec!["string"],
         };
         nullable |= types.contains(&"null");
