@@ -2,7 +2,8 @@
 """Reference outputs of networks that segment people, by LiteRT, and a small network with random weights for tests.
 
 Writes crates/device/features/tests/data/segmenter: `tiny.tflite`, with every operator that veiloc reads; `red.tflite`, which takes what is
-red for people; and `oracle.json`: the outputs of the first, those of MediaPipe's files, and the mean confidence in 16 x 16 parts of a photograph. MediaPipe's files are the user's and are not stored.
+red for people; and `oracle.json`: the outputs of the first, those of MediaPipe's files, and the mean confidence in 16 x 16 parts of
+photographs. MediaPipe's files are the user's and are not stored.
 
     .venv/bin/pip install ai-edge-litert pillow
     .venv/bin/python research/oracles/segmenter.py --data $VEILOC_DATA --weights $VEILOC_DATA/../weights/mediapipe

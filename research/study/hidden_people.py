@@ -109,7 +109,7 @@ class Shown:
         return f"{row['bits_over_prior']:.2f} ({row['images']})"
 
 
-@command("privacy/hidden-people.csv", needs="a segmentation network", people=("people", "folder of people, as `study privacy people` makes"),
+@command("privacy/hidden-people.csv", needs="a segmentation network", people=("people", "folder, as `study privacy people` makes it"),
          network="selfie_segmentation.tflite", yolo=("yolo11n_int8.onnx", "a detector of boxes, or nothing"),
          masker=("", "the example `people` of veiloc-features (default: built)"),
          place_name=("redkitchen", "the place"), queries=(10, "queries, evenly spaced"))  # fmt: skip
@@ -118,9 +118,10 @@ def hidden_people(run):
     place, people = Place(run, run.place_name), sorted(Path(run.people).glob("*.png"))
     masker = run.masker or run.example("veiloc-features", "people", "--features", "rten")
     table = run.table("privacy/hidden-people.csv", "detector", "person's height (%)", "queries", "person hidden (%)", "worst (%)",
-                      "less than half hidden", "other pixels hidden (%)", "processor (ms)", "rows on the person", "hidden: rows on the person",
-                      "other rows", "hidden: other rows", "within 25 cm and 2° (%)", "hidden: within 25 cm and 2° (%)", "median error (cm)",
-                      "hidden: median error (cm)", "occlusion (bits, images)", "hidden: occlusion (bits, images)")  # fmt: skip
+                      "less than half hidden", "other pixels hidden (%)", "processor (ms)", "rows on the person",
+                      "hidden: rows on the person", "other rows", "hidden: other rows", "within 25 cm and 2° (%)",
+                      "hidden: within 25 cm and 2° (%)", "median error (cm)", "hidden: median error (cm)",
+                      "occlusion (bits, images)", "hidden: occlusion (bits, images)")  # fmt: skip
     cm = lambda error: f"{100 * error:.1f}" if math.isfinite(error) else "lost"
     share = lambda value: f"{100 * value:.0f}"
     all_shown = [(height, Shown(place, people, height)) for height in HEIGHTS]

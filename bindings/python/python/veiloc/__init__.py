@@ -2,7 +2,8 @@
 
 - Poses from correspondences, with PoseLib's calling convention: `estimate_absolute_pose`, `estimate_absolute_pose_lines`,
   `estimate_absolute_pose_anchored`, and the minimal solvers `p3p`, `p6lp`, `p5lp_radial`, `p6lp_dual_radial`, `up2p`, `u4lp`.
-- The device: `Sealer`, `Session`, `Profile`, `Pack`, and `Client` for a service; `people_mask` to hide people; `extract` and `obfuscate` for experiments.
+- The device: `Sealer`, `Session`, `Profile`, `Pack`, and `Client` for a service; `people_mask` to hide people; `extract` and
+  `obfuscate` for experiments.
 - The server: `Map`; `read_posed` for poses of other programs; `prepare` and `veiloc.ray` to build a map on several machines,
   `veiloc.ray_serve` to serve it.
 - Robots and AR: `Alignment`, the map in the frame of odometry; `veiloc.ros` for ROS 2 and its bags.
