@@ -239,7 +239,7 @@ impl Client {
                 })
                 .collect(),
         };
-        Ok(json_to_python(py, document.map(|document| document.to_string()))?)
+        json_to_python(py, document.map(|document| document.to_string()))
     }
 
     /// Writes a content anchor: a new one, or one that the token owns. The last writer wins.

@@ -200,7 +200,7 @@ fn concurrent_writers_lose_nothing() {
         let server = &server;
         let write = |i: usize| {
             scope.spawn(move || {
-                let ann = Client(server, if i % 2 == 0 { "ann" } else { "bob" });
+                let ann = Client(server, if i.is_multiple_of(2) { "ann" } else { "bob" });
                 assert_eq!(ann.put(&format!("{LIST}/{i}"), &at(i as f64)).status, 201);
                 let once = put(DOOR, &at(0.0).to_string()).header("if-none-match", "*");
                 usize::from(ann.send(once).status == 201)

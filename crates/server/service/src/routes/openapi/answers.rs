@@ -136,7 +136,10 @@ mod tests {
             let kinds = query_outcomes();
             let counted =
                 kinds.iter().filter(|kind| kind.route == route && kind.status >= 400).map(|kind| kind.status);
-            assert_eq!(counted.collect::<BTreeSet<_>>(), refusals_of(route, &Method::POST).iter().copied().collect());
+            assert_eq!(
+                counted.collect::<BTreeSet<_>>(),
+                refusals_of(route, &Method::POST).iter().copied().collect()
+            );
         }
         let described = |status: &u16| REFUSALS.iter().any(|(known, _)| known == status);
         let paths = [
