@@ -39,7 +39,7 @@ struct Access {
 type AnchorPath = Result<Path<(String, String)>, PathRejection>;
 
 /// All content anchors of a map. A client sorts them by distance itself: the service need not learn where it is.
-#[utoipa::path(get, path = "/v1/maps/{name}/anchors", security(("token" = [])),
+#[utoipa::path(get, operation_id = "list_anchors", path = "/v1/maps/{name}/anchors", security(("token" = [])),
     params(("name" = String, Path, description = "Name of the map")),
     responses(
         (status = 200, description = "All anchors, by name", body = ContentAnchors),
@@ -59,7 +59,7 @@ pub(super) async fn list(
 }
 
 /// One content anchor.
-#[utoipa::path(get, path = "/v1/maps/{name}/anchors/{anchor}", security(("token" = [])),
+#[utoipa::path(get, operation_id = "get_anchor", path = "/v1/maps/{name}/anchors/{anchor}", security(("token" = [])),
     params(("name" = String, Path, description = "Name of the map"), ("anchor" = String, Path, description = "Its name")),
     responses(
         (status = 200, description = "The anchor", body = ContentAnchor),
@@ -79,7 +79,7 @@ pub(super) async fn one(
 }
 
 /// Writes a content anchor: a new one, or one that the token owns. Without `If-Match` and `If-None-Match` the last writer wins.
-#[utoipa::path(put, path = "/v1/maps/{name}/anchors/{anchor}", security(("token" = [])),
+#[utoipa::path(put, operation_id = "put_anchor", path = "/v1/maps/{name}/anchors/{anchor}", security(("token" = [])),
     params(("name" = String, Path, description = "Name of the map"), ("anchor" = String, Path, description = "Its name")),
     request_body = ContentAnchor,
     responses(
@@ -115,7 +115,7 @@ pub(super) async fn put(
 }
 
 /// Deletes a content anchor that the token owns.
-#[utoipa::path(delete, path = "/v1/maps/{name}/anchors/{anchor}", security(("token" = [])),
+#[utoipa::path(delete, operation_id = "delete_anchor", path = "/v1/maps/{name}/anchors/{anchor}", security(("token" = [])),
     params(("name" = String, Path, description = "Name of the map"), ("anchor" = String, Path, description = "Its name")),
     responses((status = 204, description = "Deleted")),
 )]
