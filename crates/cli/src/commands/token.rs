@@ -52,8 +52,8 @@ pub(crate) struct NewArgs {
     /// the delay of --answer-quantum, and its word is taken for which client a query comes from.
     #[arg(long)]
     gateway: bool,
-    /// Print a link to the page of `serve --page` at this address, in place of the token: its fragment holds the token, which
-    /// browsers do not send.
+    /// Print a link to the page of `serve --page` at this address: its fragment holds the token, which browsers do not send.
+    /// Default: the token alone is printed.
     #[arg(long, value_name = "https://HOST", value_parser = page_address, conflicts_with_all = ["operator", "gateway"])]
     link: Option<String>,
     /// Write the link as a QR code (SVG), readable by its owner only.

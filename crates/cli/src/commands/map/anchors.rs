@@ -34,7 +34,7 @@ pub(crate) struct AnchorsArgs {
     #[arg(long, conflicts_with = "carry_from")]
     carry: bool,
     /// Carry the anchors from this old map, by localizing up to 50 of its images in the new one.
-    #[arg(long, value_name = "OLD")]
+    #[arg(long, value_name = "FILE")]
     carry_from: Option<PathBuf>,
     /// Carry the anchors although the fit is not to be believed.
     #[arg(long)]
