@@ -63,7 +63,13 @@ impl Shape {
             },
             "array" => {
                 let fixed = schema["minItems"].as_u64().filter(|least| schema["maxItems"] == *least);
-                Kind::List(Box::new(Self::of(&schema["items"])), fixed)
+                // Of a tuple, what its first is.
+                let item = if schema["prefixItems"].is_array() {
+                    &schema["prefixItems"][0]
+                } else {
+                    &schema["items"]
+                };
+                Kind::List(Box::new(Self::of(item)), fixed)
             }
             scalar => Kind::Scalar(scalar.to_owned()),
         };

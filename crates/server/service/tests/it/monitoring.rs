@@ -189,7 +189,21 @@ fn documented_refusals_have_counters_from_the_start() {
         named.extend(names.split('`').skip(1).step_by(2).map(|name| (status.to_owned(), name.to_owned())));
     }
     // These belong to other addresses.
-    for other in [("403", "forbidden"), ("404", "not-found"), ("404", "no-pack")] {
+    let others = [
+        ("400", "bad-anchor"),
+        ("403", "anchors-read-only"),
+        ("403", "forbidden"),
+        ("403", "not-owner"),
+        ("404", "no-anchors"),
+        ("404", "no-pack"),
+        ("404", "not-found"),
+        ("404", "unknown-anchor"),
+        ("409", "anchors-full"),
+        ("412", "precondition-failed"),
+        ("503", "anchors-unavailable"),
+        ("503", "other-frame"),
+    ];
+    for other in others {
         assert!(named.remove(&(other.0.to_owned(), other.1.to_owned())), "{other:?}");
     }
     for route in ["/v1/maps/{name}/localize", "/v1/maps/{name}/localize-rig", "/geopose"] {
