@@ -45,7 +45,7 @@ function model(folder) {
 const truth = model(given.posed);
 const tracked = given.tracked ? model(given.tracked) : truth;
 const names = given.list ? readFileSync(given.list, "utf8").split("\n").map((line) => line.trim()).filter(Boolean) : [...truth.keys()].sort();
-// The AR world: y up, turned and moved against the poses.
+// The AR world: y up, rotated and shifted against the poses.
 const down = unit(given.down ? given.down.split(",").map(Number) : names.map((name) => rotate(conjugate(truth.get(name).q), [0, 1, 0])).reduce(plus));
 const half = unit(plus(scaled(down, -1), [0, 1, 0]));
 const up = Math.abs(half[1]) > 1e-6 ? [dot(half, scaled(down, -1)), ...[[1, 2], [2, 0], [0, 1]].map(([i, j]) => -down[i] * half[j] + down[j] * half[i])] : [0, 1, 0, 0];

@@ -18,7 +18,7 @@ struct AddReply {
     state: &'static str,
     used: usize,
     contradicting: usize,
-    /// `unknown`, `agree` or `differ`.
+    /// `unknown`, `agrees` or `differs`.
     distances: &'static str,
     distance_ratio: Option<f64>,
 }

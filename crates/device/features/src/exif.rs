@@ -21,6 +21,7 @@ use veiloc_geometry::{Intrinsics, QuarterTurns};
 
 use crate::FeatureError;
 use crate::load::{Header, header};
+use crate::orientation::DisplayTurn;
 
 /// Millimetres of 35 mm film's diagonal.
 const FILM_DIAGONAL: f64 = 43.266_615_305_567_87;
@@ -71,13 +72,11 @@ pub fn exif_camera_of(path: &Path, file: &[u8], size: (u32, u32)) -> Result<Intr
 /// reported.
 pub fn exif_turns_of(file: &[u8]) -> QuarterTurns {
     let exif = Reader::new().continue_on_error(true).read_from_container(&mut Cursor::new(file));
-    let turns = whole_fields(exif).ok().and_then(|exif| match number(&exif, Tag::Orientation)? as u32 {
-        3 | 4 => QuarterTurns::from_degrees(180),
-        5 | 6 => QuarterTurns::from_degrees(90),
-        7 | 8 => QuarterTurns::from_degrees(270),
-        _ => None,
-    });
-    turns.unwrap_or_default()
+    let orientation = whole_fields(exif).ok().and_then(|exif| number(&exif, Tag::Orientation));
+    orientation
+        .and_then(|number| DisplayTurn::of_exif(number as u8))
+        .map(DisplayTurn::turns)
+        .unwrap_or_default()
 }
 
 /// What can be read: many writers spoil one field, or the link behind a directory, and other readers take the rest.

@@ -3,10 +3,11 @@
 use std::io::Read;
 use std::path::Path;
 
-use veiloc_geometry::QuarterTurns;
-
 use crate::detector::{Detection, Detector};
-use crate::{FeatureError, FrameMask, MAX_SEGMENTER_BYTES, Mask, PersonSegmenter, display_turn, load_colour};
+use crate::{
+    DisplayTurn, FeatureError, FrameMask, MAX_SEGMENTER_BYTES, Mask, PersonSegmenter, display_turn,
+    load_colour,
+};
 
 /// The default margin of boxes.
 const BOX_MARGIN: f32 = 0.15;
@@ -82,8 +83,8 @@ impl ObjectMasker {
     /// # Errors
     /// [`FeatureError`]: the image cannot be read, the detector failed, or the detections cover the whole image.
     pub fn hide(&self, image: &Path) -> Result<Hidden, FeatureError> {
-        let turns = display_turn(image).and_then(|turn| QuarterTurns::from_degrees(i32::from(turn.degrees)));
-        let (turns, image) = (turns.unwrap_or_default(), load_colour(image)?);
+        let turns = display_turn(image).map(DisplayTurn::turns).unwrap_or_default();
+        let image = load_colour(image)?;
         let (detector, hides) = match &self.finder {
             Finder::Boxes(detector, hides) => (detector, hides),
             Finder::People(segmenter) => {

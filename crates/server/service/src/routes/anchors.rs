@@ -107,8 +107,8 @@ pub(super) async fn put(
     };
     match answer.await {
         Ok((status, written)) => {
-            let etag = format!("\"{}\"", written.hash());
-            (status, [(CONTENT_TYPE, JSON)], [(ETAG, etag)], written.bytes().clone()).into_response()
+            (status, [(CONTENT_TYPE, JSON)], [(ETAG, written.etag())], written.bytes().clone())
+                .into_response()
         }
         Err(problem) => refuse(problem, body, &headers, app.options.timeouts.head).await,
     }
@@ -175,7 +175,7 @@ impl Access {
         Ok(anchors.for_client(|owner| self.shows(owner)))
     }
 
-    /// Whether the client is told this owner.
+    /// Whether the answer names this owner.
     fn shows(&self, owner: &str) -> bool {
         self.caller.is_operator() || owner == self.caller.name()
     }
@@ -195,7 +195,7 @@ impl Access {
         if !current.is_none_or(is_own) && !self.caller.is_operator() {
             return Err(Problem::NotOwner);
         }
-        // Who may change an anchor is told its owner, so the tag is that of its answers.
+        // Whoever may change an anchor gets its owner in answers, so the tag is that of these.
         precondition(headers, current.map(content).as_ref())?;
         Ok(edit)
     }

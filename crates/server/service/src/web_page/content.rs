@@ -23,6 +23,11 @@ impl Content {
         &self.bytes
     }
 
+    /// The strong entity tag (RFC 9110): their SHA-256 in quotation marks.
+    pub fn etag(&self) -> String {
+        format!("\"{}\"", self.hash)
+    }
+
     /// Their SHA-256, 64 hexadecimal digits.
     pub fn hash(&self) -> &str {
         &self.hash

@@ -82,7 +82,7 @@ fn anchors_are_written_listed_and_deleted_and_survive_a_restart() {
     for (a, b) in [("q", [1.0, 0.0, 0.0, 0.0].as_slice()), ("t", &[1.5, 2.0, 3.0])] {
         expected["map_from_anchor"][a] = b.into();
     }
-    assert_eq!(one.json(), expected, "visitors are not told the owner");
+    assert_eq!(one.json(), expected, "visitors do not get the owner");
     let tag = one.header("etag").expect("a tag");
     let again = |tag: &str| visitor.send(Request::get(DOOR).header("if-none-match", tag)).status;
     assert_eq!((again(tag), again("\"other\"")), (304, 200));
@@ -116,7 +116,7 @@ fn only_permitted_tokens_write_and_only_their_own() {
         assert_eq!(client.delete(DOOR).problem(), problem, "{token}");
     }
     assert_eq!(Client(&server, "stranger").get(LIST).problem(), "unknown-map");
-    // Owners are told to themselves and to operators.
+    // Owners and operators get the name of the owner.
     let owner = |token: &str| {
         Client(&server, token).get(LIST).json()["anchors"][0]["owner"].as_str().map(str::to_owned)
     };
