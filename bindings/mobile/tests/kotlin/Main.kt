@@ -12,6 +12,7 @@ import org.veiloc.BurstOptions
 import org.veiloc.Camera
 import org.veiloc.CameraPose
 import org.veiloc.Cancellation
+import org.veiloc.ContentAnchors
 import org.veiloc.Focal
 import org.veiloc.FrameFormat
 import org.veiloc.FrameLayout

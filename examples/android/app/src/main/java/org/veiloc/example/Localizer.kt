@@ -71,7 +71,7 @@ class Localizer(private val server: String, private val map: String, private val
 
     /** The content anchors of the map in ARCore's world, the nearest first; none before the first trusted answer. */
     fun anchors(camera: CameraPose): List<PlacedAnchor> =
-        ContentAnchors(request("anchors", null).second).use { it.place(alignment, camera) }
+        ContentAnchors(request(server, map, "anchors", token = token).second).use { it.place(alignment, camera) }
 
     private fun words(sealed: SealedBurst?, answer: Answer?): String = adviceText(advice(sealed?.newest(), answer, misses = misses))
 
