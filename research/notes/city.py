@@ -247,7 +247,7 @@ def median(values):
 
 
 def figures(queries):
-    trusted = [query for query in queries if query.get("trusted")]
+    trusted = [query for query in queries if query.get("state") == "trusted"]
     return {
         "queries": len(queries),
         "right": sum(is_right(query) for query in queries),

@@ -3,7 +3,7 @@
 10^5 queries a second.
 
     research/notes/scale_model.py [--csv DIR]                the tables of docs/results/scale.md
-    research/notes/scale_model.py --costs COSTS.json         the constants that `study service answer-times --max-keypoints 1024 --json` gives
+    research/notes/scale_model.py --costs COSTS.json         the constants that `study service answer-times --max-keypoints 1024 --costs` gives
     research/notes/scale_model.py --check MEASURED.json      its predictions beside what `study service cluster-throughput` measured
     research/notes/scale_model.py --plot FILE.svg            the table drawn, on log axes
     research/notes/scale_model.py --set pose_ms=25 …         with other constants
@@ -32,7 +32,7 @@ from study.common import write_csv  # noqa: E402
 
 CONSTANTS = {
     # Processor time of a query of 1024 rows of RedKitchen that finds its pose, the camera calibrated: `study service answer-times
-    # --images 29 --rounds 7 --max-keypoints 1024 --json`, the median of the least of each query's rounds.
+    # --images 29 --rounds 7 --max-keypoints 1024 --costs`, the median of the least of each query's rounds.
     "pose_ms": 33.0,
     # Factors of the median, equally likely.
     "pose_spread": [0.92, 0.94, 0.97, 1.0, 1.01, 1.04, 1.22],

@@ -40,6 +40,9 @@ def command(*tables: str, needs: str = "", **options):
     `tables` are the files of docs/results that it writes without options.
     Options are `name=default` or `name=(default, help)`; a list is given with commas."""
 
+    taken = [name for name in options if hasattr(Run, name)]
+    assert not taken, f"methods of Run have the names of the options {taken}"
+
     def register(make):
         page = make.__globals__.get("PAGE", make.__module__.rpartition(".")[2])
         name = make.__name__.strip("_").replace("_", "-")

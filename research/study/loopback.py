@@ -148,6 +148,7 @@ class Server:
             command += ["--answer-quantum", "0"]
         self.log_path = scene.work / f"server-{self.port}.log"
         self.process = subprocess.Popen([*map(str, command), *map(str, more)], stderr=stderr or open(self.log_path, "w"))
+        atexit.register(self.process.kill)  # Also where the study fails.
         wait_for(lambda: self.process.poll() is not None or connects(self.port), "the service")
         if self.process.poll() is not None:
             sys.exit(f"the service ended with {self.process.returncode}: {self.log()}")

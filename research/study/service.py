@@ -136,7 +136,7 @@ QUANTA = [0, 0.25, 0.5, 1]
 
 @command("service/answer-times.csv", places=["redkitchen"], images=(20, "queries of each place"), rounds=(2, "answers to each query"),
          max_keypoints=(0, "keypoints of a query (default: as many as the profile wants)"),
-         json=("", "also write the processor time of each query there, milliseconds, for research/notes/scale_model.py --costs"))  # fmt: skip
+         costs=("", "also write the processor time of each query there, milliseconds, for research/notes/scale_model.py --costs"))  # fmt: skip
 def answer_times(run):
     """Whether the time of an answer shows if a query was localized (rule L12).
 
@@ -169,8 +169,8 @@ def answer_times(run):
                 *(f"{auc(whole(yes, quantum), whole(no, quantum)):.2f}" for quantum in QUANTA),
             ])  # fmt: skip
         server.stop()
-    if run.json:
-        pathlib.Path(run.json).write_text(json.dumps(costs, indent=1))
+    if run.costs:
+        pathlib.Path(run.costs).write_text(json.dumps(costs, indent=1))
 
 
 def sealed(run, scene, folder, focal):
@@ -201,7 +201,7 @@ def times(server, queries, rounds):
     for i in order:
         before = processor_ms(server.process.pid)
         connection.request("POST", LOCALIZE, queries[i], {"content-type": PROTOBUF, "accept": "application/json"})
-        found[i] = b'"trusted":true' in connection.getresponse().read().replace(b" ", b"")
+        found[i] = json.loads(connection.getresponse().read()).get("state") == "trusted"
         taken[i].append(processor_ms(server.process.pid) - before)
     connection.close()
     return found, taken
