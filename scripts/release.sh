@@ -2,7 +2,7 @@
 # Builds every artefact of a release into a folder, tries each of them in an empty environment, and writes checksums and an SBOM.
 #
 #     scripts/release.sh [DIR]              DIR: default target/veiloc-VERSION
-#     scripts/release.sh DIR program wheel  these only: program wheel npm c phone unity crates helm container sbom
+#     scripts/release.sh DIR program wheel  these only: program wheel npm c phone unity crates helm container sbom advisories
 #
 # An artefact that is there is not built again, but tried again. Needs Rust with the target wasm32-unknown-unknown, Python, CMake and a
 # C++ compiler, Node.js and Chromium for npm, and a running Docker or Podman for the container. Libraries for Android and iOS need the
@@ -18,6 +18,7 @@
 #   crates     those that are published: `cargo package` builds each of them from its package alone
 #   helm       `helm lint --strict` and `helm template` of the packed chart
 #   container  --version and the health check
+#   advisories known faults of dependencies, where their database can be had
 set -euo pipefail
 cd "$(dirname "$0")/.."
 root="$PWD" version="$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -1)"
@@ -216,13 +217,24 @@ bom = json.load(open(sys.argv[1]))
 print(len(bom["components"]), "components,", sum("licenses" in c for c in bom["components"]), "with licences")' "$out/veiloc-$version.cdx.json"
 }
 
+# Known faults of dependencies. The database is a repository on GitHub.
+advisories() {
+    command -v cargo-deny > /dev/null || { cargo install --quiet --locked --debug --root "$tools" cargo-deny && PATH="$tools/bin:$PATH"; }
+    if cargo deny --locked fetch db > "$work/advisories.log" 2>&1; then
+        cargo deny --locked check --hide-inclusion-graph advisories
+    else
+        tail -n 3 "$work/advisories.log"
+        skipped+=(advisories)
+    fi
+}
+
 versions
 skipped=()
-for part in ${*:-program wheel npm c phone unity crates helm container sbom}; do
+for part in ${*:-program wheel npm c phone unity crates helm container sbom advisories}; do
     began=$SECONDS
     echo "== $part"
     case $part in
-    program | wheel | c | phone | unity | crates | container | sbom) $part ;;
+    program | wheel | c | phone | unity | crates | container | sbom | advisories) $part ;;
     npm) npm_package ;;
     helm) helm_chart ;;
     *) fail "unknown part: $part" ;;
@@ -232,4 +244,4 @@ done
 (cd "$out" && find . -type f ! -name SHA256SUMS -printf '%P\n' | sort | xargs sha256sum > SHA256SUMS && sha256sum --quiet --check SHA256SUMS)
 echo "== $out"
 (cd "$out" && while read -r _ file; do printf '%10d  %s\n' "$(stat -c %s "$file")" "$file"; done < SHA256SUMS)
-[ ${#skipped[@]} -eq 0 ] || echo "not built here: ${skipped[*]}"
+[ ${#skipped[@]} -eq 0 ] || echo "not done here: ${skipped[*]}"
