@@ -2,6 +2,7 @@
 # Makes the tables of README and docs/results with today's program, each with its commit, command and machine in
 # docs/results/figures.csv. All of them take hours; an interrupted run goes on where it was. Needs Rust, Python and VEILOC_DATA, the
 # folder of the real images. Installs the other programs (pycolmap, PoseLib, OpenCV, ONNX Runtime) from PyPI into target/figures.
+# With VEILOC_MODELS, the folder of network files, it makes the tables of learned features too.
 #
 #     VEILOC_DATA=../shared/data research/figures.sh [PAGE | TABLE]…       # for example: poses trust/stress.csv
 #     research/figures.sh --list

@@ -4,7 +4,7 @@ import argparse
 import ast
 import csv
 import hashlib
-import importlib
+import importlib.util
 import json
 import os
 import resource
@@ -18,6 +18,14 @@ RESULTS = ROOT / "docs/results"
 PLACES = ["hololens-office", "tum-fr1-rpy", "llff-room", "fountain", "entry", "redkitchen", "herzjesu"]
 # The two scenes of most tables, and what they are called there.
 SCENES = {"RedKitchen": "redkitchen", "Herz-Jesu": "herzjesu"}
+# Needs of commands that `study figures` looks for.
+MODEL_FILES, PYTORCH = "network files in VEILOC_MODELS", "PyTorch"
+
+
+def is_here(needs: str) -> bool:
+    """Whether this machine has what a command needs; false for needs that are not known."""
+    known = {"": True, MODEL_FILES: "VEILOC_MODELS" in os.environ, PYTORCH: importlib.util.find_spec("torch") is not None}
+    return known.get(needs, False)
 
 
 @dataclass

@@ -13,14 +13,13 @@ import tempfile
 import time
 from pathlib import Path
 
-from study.common import ROOT, SCENES, Package, child_seconds, cm, command, names_of, one_thread
+from study.common import MODEL_FILES, ROOT, SCENES, Package, child_seconds, cm, command, names_of, one_thread
 from study.extractors import Colmap, OpenCv, Ours, Wasm, agreement, mutual_matches, warp, warps
 from study.geometry import angle, read_posed
 from study.training import held_out
 from study.trust import stress_table
 
 np, cv2, pycolmap, Image, onnxruntime = (Package(name) for name in ("numpy", "cv2", "pycolmap", "PIL.Image", "onnxruntime"))
-NETWORKS = "files of XFeat and ALIKE in VEILOC_MODELS"
 # Kind: numbers, bits of each, what the network gets.
 KINDS = {
     "sift": (128, 8, "as it is"), "compact": (64, 4, "as it is"), "xfeat": (64, 8, "fitted into the file's size"),
@@ -41,7 +40,7 @@ def eval_scene(run, place: str, schemes: str, *options) -> list[dict]:
     return run.document("eval", "scene", *run.scene(place), "--schemes", schemes, "--thresholds", thresholds, *options)["schemes"]
 
 
-@command("features/scenes.csv", "features/kinds.csv", needs=NETWORKS, features=MEASURED)
+@command("features/scenes.csv", "features/kinds.csv", needs=MODEL_FILES, features=MEASURED)
 def scenes(run):
     """Poses of RedKitchen and Herz-Jesu with each kind of features, and the kinds."""
     table = run.table("features/scenes.csv", "scene", "features", "scheme", "median error (cm)", "median error (°)",
@@ -59,7 +58,7 @@ def scenes(run):
         kinds.add([f"`{kind}`", numbers, bits, bytes_of.get(kind, ""), image])
 
 
-@command("features/learned-stress.csv", needs=NETWORKS)
+@command("features/learned-stress.csv", needs=MODEL_FILES)
 def learned_stress(run):
     """`alike-t-compact` under stress."""
     stress_table(run, "features/learned-stress.csv", "--features", STRESSED)
@@ -314,7 +313,7 @@ class Runtime:
         return (time.process_time() - start) / REPEATS
 
 
-@command("features/network-speed.csv", needs=NETWORKS, weights=("", "folder of the network files (default: weights beside the data)"),
+@command("features/network-speed.csv", needs=MODEL_FILES, weights=("", "folder of the network files (default: weights beside the data)"),
          features=["sift", "xfeat", "alike-t", "alike", "superpoint"], image=(FRAME, "an image of the data"), keypoints=2048,
          contrast=CONTRAST, rounds=8)  # fmt: skip
 def network_speed(run):

@@ -30,7 +30,7 @@ from collections import defaultdict
 from pathlib import Path
 
 from study import tables
-from study.common import COMMANDS, RESULTS, ROOT, imports, write_csv
+from study.common import COMMANDS, RESULTS, ROOT, imports, is_here, write_csv
 
 LOG = RESULTS / "figures.csv"
 COLUMNS = ["table", "command", "commit", "machine", "minutes"]
@@ -113,7 +113,7 @@ def make(table: str, args, commit: str) -> bool:
     mark = args.work / f"done-{tables[0].replace('/', '-')}"
     if mark.exists() and not args.again:
         return True
-    if needs:
+    if not is_here(needs):
         print(f"{', '.join(tables)}: not here, it needs {needs}: {command}", flush=True)
         return False
     print(f"{', '.join(tables)} …", flush=True)

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from study import server_images  # noqa: F401, with a command of this page
-from study.common import PLACES, ROOT, SCENES, Package, command, names_of, number, one_thread, percent, read_csv
+from study.common import MODEL_FILES, PLACES, PYTORCH, ROOT, SCENES, Package, command, names_of, number, one_thread, percent, read_csv
 from study.features import number_of
 from study.pack_adversaries import similarity
 from study.private_rows import by_attack, read_lines
@@ -54,7 +54,7 @@ def quality(row: dict) -> list[str]:
     return [f"{row['psnr']:.2f}", f"{row['ssim']:.3f}", number(row["st_lpips"], ".3f"), found]
 
 
-@command("inversion/errors.csv", needs="files of XFeat, ALIKE and ALIKED in VEILOC_MODELS", kinds=["compact", "xfeat", "alike-t", "aliked-t16"])
+@command("inversion/errors.csv", needs=MODEL_FILES, kinds=["compact", "xfeat", "alike-t", "aliked-t16"])
 def errors(run):
     """The e_recon of the paper's Table 2 for learned features: what the closed form recovers with 20 and with 100 true neighbours, all queries."""
     table = run.table("inversion/errors.csv", "place", "features", "scheme", "images", "prior (px)",
@@ -348,7 +348,7 @@ def scores(made, true) -> list[str]:
     return [f"{statistics.mean(psnr):.2f}", f"{statistics.mean(ssim):.3f}"]
 
 
-@command("inversion/patches.csv", needs="PyTorch", kinds=KINDS)
+@command("inversion/patches.csv", needs=PYTORCH, kinds=KINDS)
 def patches(run):
     """Patches made of single descriptors: by a network, and by the most similar descriptor of other photographs."""
     parts = images_of(run)
@@ -405,7 +405,7 @@ def defended(rows, draw, dictionary, bits: int = 4, numbers: int = 64, noise: fl
     return np.where(np.arange(rows.shape[1]) < numbers, rows, 0)[:, None]
 
 
-@command("inversion/defences.csv", needs="PyTorch", places=PLACES)
+@command("inversion/defences.csv", needs=PYTORCH, places=PLACES)
 def defences(run):
     """Compact descriptors with fewer bits or numbers, with noise, or as sets of words: poses, and what a network and a database make of them."""
     found = described(run, "compact", images_of(run))

@@ -3,7 +3,7 @@
 import json
 import statistics
 
-from study.common import CELLS, PLACES, RIGHT, Package, command, number, percent
+from study.common import CELLS, MODEL_FILES, PLACES, RIGHT, Package, command, number, percent
 from study.geometry import angle, center, rotation
 
 PAGE = "poses"
@@ -11,7 +11,6 @@ np, poselib = Package("numpy"), Package("poselib")
 
 SCHEMES = ["points", "random-lines", "dcl:paper", "dcl"]
 THRESHOLDS = f"0.05/5,{RIGHT}"
-NETWORKS = "files of XFeat, ALIKE and ALIKED in VEILOC_MODELS"
 # What the paper reports: images, share within 5 cm and 5° (%), median error, time of the pose (ms). Tables 2 and 4, and its text.
 PUBLISHED = [("7Scenes, six scenes", "80 to 97", "0.010 to 0.021", 4), ("7Scenes, stairs", "13", "0.263", 4),
              ("Cambridge, four scenes", "", "0.10 to 0.38", 6)]  # fmt: skip
@@ -22,7 +21,7 @@ def recipes(run) -> str:
     return f"{run.estimators('paper', hypotheses=1000)},default"
 
 
-@command("poses/learned-recipe.csv", needs=NETWORKS, places=PLACES, features=["sift", "xfeat", "alike-t", "aliked-t16"], schemes=SCHEMES)
+@command("poses/learned-recipe.csv", needs=MODEL_FILES, places=PLACES, features=["sift", "xfeat", "alike-t", "aliked-t16"], schemes=SCHEMES)
 def learned_recipe(run):
     """The paper's estimator and ours on learned features, in every place; one thread."""
     table = run.table("poses/learned-recipe.csv", "place", "features", "scheme", "estimator", "queries", "localized",
@@ -125,7 +124,7 @@ def judged(replica: Replica, problem: dict, found) -> tuple[float, float, bool]:
     return away, rotated, (away > 0.05 or rotated > 5) and cost < replica.refined(truth, t0)[0]
 
 
-@command("poses/recipe-cause.csv", needs=NETWORKS, scene_of=("redkitchen", "a place"), features=["sift", "aliked-t16"],
+@command("poses/recipe-cause.csv", needs=MODEL_FILES, scene_of=("redkitchen", "a place"), features=["sift", "aliked-t16"],
          shares=["given", "50", "70", "90"])  # fmt: skip
 def recipe_cause(run):
     """The paper's estimator on `dcl:paper` beside the share of right matches: ours, and a search written apart with PoseLib's solver."""

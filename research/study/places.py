@@ -2,7 +2,7 @@
 
 from itertools import product
 
-from study.common import PLACES, command, percent
+from study.common import MODEL_FILES, PLACES, command, percent
 
 LAYOUTS = {
     "stripes 138": "dcl:axis=138:sectors=24:anchors=-0.62/-0.61+0.92/-1.16",
@@ -80,7 +80,7 @@ def places(run):
     measured(run, run.table("places/places.csv", *COLUMNS), run.table("places/lost.csv", "place", "scheme", "lost", *STAGES))
 
 
-@command("places/alike.csv", needs="files of XFeat and ALIKE in VEILOC_MODELS", places=["llff-room", "fountain", "entry", "hololens-office"],
+@command("places/alike.csv", needs=MODEL_FILES, places=["llff-room", "fountain", "entry", "hololens-office"],
          schemes=["points", "dcl"], more="--features alike-t-compact")
 def alike(run):
     """The same with the compact features of a network."""

@@ -5,7 +5,6 @@ it they are left out.
 """
 
 import gzip
-import hashlib
 import json
 import random
 import shutil
@@ -16,11 +15,10 @@ from pathlib import Path
 
 from study import differences, hidden_people, people, private_rows, tilt  # noqa: F401  they register commands of this page
 from study.common import PLACES, ROOT, SCENES, Package, cm, command, names_of
+from study.private_rows import FIRST, photos
 
 np, cv2 = Package("numpy"), Package("cv2")
 SCHEMES = ["random-lines", "coordinate-permutation", "dcl"]
-# Training photos that a statistic learns from, and those that are attacked.
-FIRST, LAST = 400, 12
 ATTACKED = 6
 # Adversaries whose layouts of the graph are worth their time, and their attacked queries.
 SLOW = {"map-server": 6, "true-neighbours": 2}
@@ -49,15 +47,6 @@ KNOWLEDGE = {
 QUERY_ONLY = ["query-only-statistic", "query-only-neighbours", "query-only-network"]
 GPU = "networks that a GPU trains"
 NETWORKS = {"networks": ("networks", "folder of trained networks")}
-
-
-def photos(run, part: str) -> Path:
-    """Keypoints of the first or the last training photos by the SHA-256 of their names."""
-    folder = run.place("training-photos")
-    names = sorted((str(path.relative_to(folder)) for path in folder.rglob("*.jpg")),
-                   key=lambda name: hashlib.sha256(name.encode()).hexdigest())  # fmt: skip
-    listed = run.listed(part, names[:FIRST] if part == "first" else names[-LAST:])
-    return run.made(run.kept() / f"{part}.jsonl.gz", "eval", "keypoints", folder, "--list", listed)
 
 
 def adversaries(run, data: list, names: list[str], *options, networks=None) -> dict:

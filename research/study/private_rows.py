@@ -7,6 +7,7 @@ on these keypoints. Keypoints and matches of a place are kept in the work folder
 import base64
 import copy
 import gzip
+import hashlib
 import itertools
 import json
 import math
@@ -328,10 +329,21 @@ ALSO = [
     "slanted strips C=dcl:axis=126:sectors=24:anchors=0.35/-0.49+-0.53/0.73",
 ]
 ALSO_OPTION = {"also": (ALSO, "more layouts, NAME=LAYOUT")}
-PHOTOS = {"photos": ("", "keypoints of other places, as `veiloc eval keypoints` writes them")}
+# Training photos that a statistic learns from, and those that are attacked.
+FIRST, LAST = 400, 12
+PHOTOS = {"photos": ("", "keypoints of other places, as `veiloc eval keypoints` writes them (default: of training photos)")}
 
 
-@command("privacy/layout-private.csv", "privacy/layout-private-means.csv", needs="keypoints of other photographs (--photos)",
+def photos(run, part: str) -> Path:
+    """Keypoints of the first or the last training photos by the SHA-256 of their names."""
+    folder = run.place("training-photos")
+    names = sorted((str(path.relative_to(folder)) for path in folder.rglob("*.jpg")),
+                   key=lambda name: hashlib.sha256(name.encode()).hexdigest())  # fmt: skip
+    listed = run.listed(part, names[:FIRST] if part == "first" else names[-LAST:])
+    return run.made(run.kept() / f"{part}.jsonl.gz", "eval", "keypoints", folder, "--list", listed)
+
+
+@command("privacy/layout-private.csv", "privacy/layout-private-means.csv",
          sessions=(6, "images that sessions are attacked on"), **ALSO_OPTION, **PHOTOS, **QUERIES | {"queries": 8})  # fmt: skip
 def layout_private(run):
     """Layouts of dcl by the rule of decision 0058, in absolute errors.
@@ -394,9 +406,8 @@ def layout_attacks(place, compared):
     yield "wide occlusion", [{of_turned[scheme]: rows for scheme, rows in trial.items()} for trial in trials]
     yield "eight seals", [run(queries, schemes, "--attacks", "static-camera", "--frames", "8")]
     yield "nearby images", [run(with_map, schemes, "--limit", count, "--attacks", "transfer")]
-    if place.run.photos:
-        yield "statistic", [run(queries, schemes, "--neighbours", "predicted", "--train", place.run.photos, "--attacks",
-                                "learned-prior,closed-form-consensus")]  # fmt: skip
+    yield "statistic", [run(queries, schemes, "--neighbours", "predicted", "--train", place.run.photos or photos(place.run, "first"),
+                            "--attacks", "learned-prior,closed-form-consensus")]  # fmt: skip
     if place.name == SESSION_PLACE:
         yield "sessions", session_rows(place, [scheme for name, scheme in compared.items() if name not in NO_SESSIONS])
 
@@ -473,7 +484,7 @@ ADVERSARIES = {
 }
 
 
-@command("privacy/places.csv", needs="keypoints of other photographs (--photos)", **PHOTOS, **FEW)
+@command("privacy/places.csv", **PHOTOS, **FEW)
 def places(run):
     """Every realistic adversary under dcl, on the static scene itself."""
     rng, scheme, all_places = random.Random(0), "dcl:paper", places_of(run)
@@ -482,7 +493,7 @@ def places(run):
         cells, bits = [], []
         for place in all_places:
             options = {
-                "photos": ["--neighbours", "predicted", "--train", run.photos],
+                "photos": ["--neighbours", "predicted", "--train", run.photos or photos(run, "first")],
                 "map": ["--neighbours", "predicted", "--train", place.map_keypoints],
                 "transferred": ["--neighbours", "transferred"], "oracle": [],
             }[neighbours]  # fmt: skip

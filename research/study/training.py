@@ -9,7 +9,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from study.common import Package, command
+from study.common import MODEL_FILES, Package, command
 from study.geometry import rotation
 
 PAGE = "features"
@@ -174,7 +174,7 @@ def distances(images, encode, length):
         print(f"   distances, {what}: {percentiles}")
 
 
-@command("features/projection.csv", needs="files of XFeat and ALIKE in VEILOC_MODELS",
+@command("features/projection.csv", needs=MODEL_FILES,
          features=(["sift", "xfeat", "alike-t"], "sift, a model of `veiloc models` whose file VEILOC_MODELS finds, or a .toml"),
          images=("", "folder of images of other places (default: training-photos of the data)"),
          train=(0, "number of training images, the first by a hash of their names; 500 for sift, 200 for a network"),
