@@ -455,7 +455,7 @@ def by_program(run, kind, work):
 
 
 def by_lightglue(run, kind, work):
-    """ALIKED-n16 and LightGlue in PyTorch, with hloc's settings: images of at most 1024 pixels."""
+    """ALIKED-n16 and LightGlue in PyTorch, with hloc's settings: larger images are scaled down to 1024 pixels."""
     aliked = lightglue.ALIKED(max_num_keypoints=KEYPOINTS).eval()
     matcher = lightglue.LightGlue(features="aliked").eval()
     sizes = {}
@@ -465,7 +465,7 @@ def by_lightglue(run, kind, work):
         for name in names:
             with Image.open(place.images / name) as image:
                 pixels, sizes[name] = np.array(image.convert("RGB")), image.size
-            found = aliked.extract(torch.from_numpy(pixels).permute(2, 0, 1).float() / 255)
+            found = aliked.extract(torch.from_numpy(pixels).permute(2, 0, 1).float() / 255, resize=1024 if max(sizes[name]) > 1024 else None)
             keypoints[name] = found["keypoints"][0].numpy().astype(float) + 0.5
             descriptors[name] = found["descriptors"][0].numpy()
         return keypoints, descriptors
