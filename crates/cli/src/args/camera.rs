@@ -138,7 +138,7 @@ fn only_camera(path: &Path) -> Result<Intrinsics, Failure> {
     let text = text_of(files::read(path)?).map_err(|_| {
         refused(
             "is not text".to_owned(),
-            "give a cameras.txt; `colmap model_converter --output_type TXT` converts a binary model",
+            "give a map (.vmap) or a cameras.txt; `colmap model_converter --output_type TXT` converts a binary model",
         )
     })?;
     let mut cameras: Vec<Intrinsics> = Vec::new();

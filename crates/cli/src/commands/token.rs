@@ -158,7 +158,11 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
     }
     file.replace(&text).map_err(write_error)?;
     let permissions = describe_permissions(&entry);
-    let use_by = if args.gateway { "serve --worker-token" } else { "query send --token-file" };
+    let use_by = match (args.gateway, args.operator) {
+        (true, _) => "veiloc serve --worker-token",
+        (_, true) => "curl -H 'Authorization: Bearer TOKEN'",
+        _ => "veiloc query send --token-file",
+    };
     if link.is_some() {
         if args.out.is_none() {
             ui.print(format_args!("{shown}\n"));
@@ -169,7 +173,7 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
         ));
     } else if let Some(out) = &args.out {
         ui.info(format_args!(
-            "{} may send requests{permissions}. The token is in {}; send it by `veiloc {use_by}`.",
+            "{} may send requests{permissions}. The token is in {}; send it by `{use_by}`.",
             args.name,
             out.display()
         ));
@@ -177,7 +181,7 @@ fn new(args: &NewArgs, ui: &Ui) -> Outcome {
         ui.print(format_args!("{shown}\n"));
         ui.info(format_args!(
             "{} may send requests{permissions}. The line above is the token: it is not stored anywhere, so save it \
-             now.\nSend it as `Authorization: Bearer TOKEN`, or save it in a file for `veiloc {use_by}`; --out \
+             now.\nSend it as `Authorization: Bearer TOKEN`, or save it in a file for `{use_by}`; --out \
              writes a file that only its owner can read.",
             args.name
         ));

@@ -25,7 +25,9 @@ pub enum MappingError {
     #[error(transparent)]
     Anchors(#[from] veiloc_protocol::ContentAnchorError),
     /// The list has no image.
-    #[error("the list of images is empty; name at least one")]
+    #[error(
+        "there are no images: the list is empty, or the folder holds no JPEG, PNG, WebP or HEIC; name at least one"
+    )]
     EmptyList,
     /// None of the given pairs consists of mapped images.
     #[error(
@@ -245,7 +247,7 @@ pub enum MappingError {
     },
     /// No format of posed images was recognized.
     #[error(
-        "{}: no posed images are recognized {}; {LOOKED_FOR}",
+        "{}: no posed images are recognized {}; {LOOKED_FOR}; without given poses they are computed",
         path.display(),
         if *is_folder { "in this folder" } else { "in this file" }
     )]

@@ -65,7 +65,8 @@ def write_walk(
     listed = list(veiloc.read_posed(posed, images)[0] if isinstance(posed, (str, Path)) else posed)
     listed.sort(key=lambda entry: entry[0])
     if down is None:
-        down = np.mean([cam_from_world.R[1] for _, _, cam_from_world in listed], axis=0)
+        mean = np.mean([cam_from_world.R[1] for _, _, cam_from_world in listed], axis=0)
+        down = mean / np.linalg.norm(mean)
     to_map = upright(down)
     cam_from_base = inverse(BASE_FROM_CAM)
     stamps = {name: 1_700_000_000 * 10**9 + round(1e9 * k / rate) for k, (name, _, _) in enumerate(listed)}

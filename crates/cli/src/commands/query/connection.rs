@@ -110,6 +110,10 @@ pub(super) fn failure(error: ClientError) -> Failure {
         ClientError::Network { reason, .. } if reason.contains("invalid HTTP version") => {
             "the service does not answer plain HTTP on this port, perhaps because it is its TLS port: use https://"
         }
+        ClientError::Network { reason, .. } if reason.contains("not valid for name") => {
+            "ask by a name that the certificate states, or have the operator make one that states this name \
+             (docs/guide/service.md)"
+        }
         ClientError::Network { .. } => {
             "check the address and that the service runs; for a self-signed certificate give --ca"
         }

@@ -26,9 +26,7 @@ pub(crate) enum Problem {
     Unauthenticated,
     #[error("this token may localize; reading the metrics is for operators")]
     Forbidden,
-    #[error(
-        "this token may read anchors; writing needs the permission `anchors` (veiloc token new --anchors)"
-    )]
+    #[error("writing anchors needs a token with the permission `anchors` (veiloc token new --anchors)")]
     AnchorsReadOnly,
     #[error(
         "another token owns this anchor; that token may change it, or one with the permissions `anchors` and `operator`"

@@ -260,6 +260,9 @@ impl Contents {
                         at + 1
                     ),
                 ),
+                _ if matches!(e, rustls::Error::InconsistentKeys(_)) => {
+                    wrong(&files.key, format!("the key does not belong to {}", files.cert.display()))
+                }
                 _ => wrong(&files.key, e.to_string()),
             }
         })?;
@@ -296,7 +299,7 @@ mod tests {
         };
         let wrong_order = [read("client-ca.pem"), cert.clone()].concat();
         refused(wrong_order, key.clone(), "host.pem: the certificate of the key is number 2 in the file");
-        refused(cert.clone(), read("other-key.pem"), "host.key");
+        refused(cert.clone(), read("other-key.pem"), "host.key: the key does not belong to ");
         // `openssl pkey -aes256`: its head is enough.
         let encrypted = "-----BEGIN ENCRYPTED PRIVATE KEY-----\nMIGj\n-----END ENCRYPTED PRIVATE KEY-----\n";
         refused(cert, encrypted.into(), "host.key: the key is encrypted");
