@@ -8,7 +8,9 @@ from pathlib import Path
 from study.common import PLACES, RIGHT, SCENES, Package, cm, command, names_of, number, percent
 from study.geometry import Posed, read_posed, rotation, write_posed
 from study.places import is_right, rows_of, trust_of
-from study.poses import ALL, LINES
+from study.poses import ALL
+
+LINES = ["points", "random-lines", "dcl"]
 
 np = Package("numpy")
 
