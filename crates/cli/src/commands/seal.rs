@@ -118,8 +118,8 @@ pub(crate) const OTHER_ID: &str = "compare it with the id that the operator publ
 const RIG: &str = "rig.json";
 
 /// The remedy for an image whose EXIF data does not give the focal length.
-pub(crate) const GIVE_CAMERA: &str = "give its camera with --camera MODEL,W,H,PARAMS…, or --camera MAP.vmap for that of a map's images, or --camera unknown to \
-     have the focal length estimated";
+pub(crate) const GIVE_CAMERA: &str = "give its camera with --camera MODEL,W,H,PARAMS…, or --camera MAP.vmap for that of a \
+                                      map's images, or --camera unknown to have the focal length estimated";
 
 /// One sealed image.
 pub(crate) struct Sealed {

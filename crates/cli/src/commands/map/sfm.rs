@@ -141,8 +141,8 @@ impl SfmArgs {
             report.posed.images().iter().map(|image| image.camera.to_string()).collect();
         if let (Some(camera), 1) = (cameras.first(), cameras.len()) {
             ui.info(format_args!(
-            "Estimated camera: {camera}. Give it to queries of the same camera and zoom, with --camera, which also reads a map: another calibration \
-             contradicts the map by what this estimate is wrong."
+            "Estimated camera: {camera}. Give it to queries of the same camera and zoom, with --camera, which also reads a \
+             map: another calibration contradicts the map by what this estimate is wrong."
         ));
         } else {
             ui.info(format_args!(

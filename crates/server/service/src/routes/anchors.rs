@@ -195,7 +195,7 @@ impl Access {
         if !current.is_none_or(is_own) && !self.caller.is_operator() {
             return Err(Problem::NotOwner);
         }
-        // Whoever may change an anchor gets its owner in answers, so the tag is that of these.
+        // A client that may change an anchor gets its owner in answers, so the tag is that of these.
         precondition(headers, current.map(content).as_ref())?;
         Ok(edit)
     }
